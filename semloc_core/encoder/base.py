@@ -81,3 +81,16 @@ class Encoder(nn.Module, ABC):
     def encode(self, batch: Batch) -> Encoded:
         """Embed, and say where the attention went, in one pass; without attention unless overridden."""
         return Encoded(embedding=self(batch), credit=None, self_share=None)
+
+    def contributions(self, batch: Batch, target: Tensor) -> Tensor | None:
+        """Take the similarity of one query place to a map embedding exactly apart, where the encoder can.
+
+        Args:
+            batch: one query place, N nodes.
+            target: (D,) the map place's embedding.
+
+        Returns:
+            (N,) float32, zero for places, summing to the similarity; None for an encoder that is no sum over objects.
+
+        """
+        return None

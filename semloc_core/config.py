@@ -1,0 +1,88 @@
+"""The localiser's options. The one source of default, unit, range and description: command line and node derive theirs."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+
+import msgspec
+from msgspec import Meta
+
+from semloc_core.errors import ConfigError
+
+MATCH_RADIUS_M = 4.0
+"""Two places within this distance are one answer (paper, section IV-B2: the matching radius)."""
+
+
+class LocaliserConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Options of `semloc_core.localiser.Localiser`; each field's metadata says what it is and its range."""
+
+    top_n: Annotated[int, Meta(ge=1, le=100, description="how many places a match message lists")] = 5
+    explainer: Annotated[
+        Literal["attention"],
+        Meta(description="how objects are credited; an encoder without attention answers in closed form"),
+    ] = "attention"
+    explain_rate_hz: Annotated[
+        float,
+        Meta(
+            ge=0.0,
+            le=1000.0,
+            description="attributions per second of message time at most, in Hz; 0 turns them off",
+        ),
+    ] = 5.0
+    frame_id: Annotated[str, Meta(description="frame_id of what is published: the matched building's frame")] = "map"
+    accept_probability: Annotated[
+        float,
+        Meta(ge=0.0, le=1.0, description="the status is match from this probability of the best place on"),
+    ] = 0.5
+    max_update_bytes: Annotated[
+        int, Meta(ge=1024, le=2**30, description="a larger update is refused, in bytes of JSON")
+    ] = 16 * 2**20
+
+
+class Option(msgspec.Struct, frozen=True):
+    """One field of a configuration struct, for whoever shows or sets it."""
+
+    name: str
+    type: type
+    default: Any
+    description: str
+    minimum: float | None
+    maximum: float | None
+    choices: tuple[str, ...]
+
+
+def options(struct: type[msgspec.Struct]) -> list[Option]:
+    """Describe the fields of a configuration struct, in order."""
+    hints = get_type_hints(struct, include_extras=True)
+    defaults = struct()
+    found = []
+    for name in struct.__struct_fields__:
+        hint, meta = hints[name], Meta()
+        if get_origin(hint) is Annotated:
+            hint, meta = get_args(hint)[0], get_args(hint)[1]
+        choices = tuple(get_args(hint)) if get_origin(hint) is Literal else ()
+        found.append(
+            Option(
+                name=name,
+                type=str if choices else hint,
+                default=getattr(defaults, name),
+                description=meta.description or "",
+                minimum=meta.ge,
+                maximum=meta.le,
+                choices=choices,
+            )
+        )
+    return found
+
+
+def checked(struct: type[Any], **values: Any) -> Any:
+    """Make a configuration struct, with types and ranges checked.
+
+    Raises:
+        ConfigError: a value is of another type or out of its range; the line names the option.
+
+    """
+    try:
+        return msgspec.convert(values, struct, strict=True)
+    except msgspec.ValidationError as error:
+        raise ConfigError(str(error)) from error

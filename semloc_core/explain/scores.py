@@ -1,0 +1,60 @@
+"""Scores of objects, and their sums by semantic class."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semloc_core.wire import ClassAttribution, ObjectAttribution
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectScores:
+    """What an explainer says of the objects around one query place.
+
+    Args:
+        method: the explainer's name.
+        ids: O object ids.
+        classes: O class names.
+        scores: (O,) float64, signed; larger means more important for the similarity.
+        unattributed: what the method gave to no object (attention kept by places), or None where it has no meaning.
+        completeness_gap: how far the scores' sum is from what it should be, or None where it has no meaning.
+
+    """
+
+    method: str
+    ids: tuple[str, ...]
+    classes: tuple[str, ...]
+    scores: NDArray[np.float64]
+    unattributed: float | None = None
+    completeness_gap: float | None = None
+
+
+def class_scores(scores: ObjectScores) -> list[ClassAttribution]:
+    """Sum by class; shares are of the summed magnitude, so they are ≥ 0 and sum to 1, by falling share.
+
+    Where every score is zero the shares are equal: nothing speaks for one class before another.
+    """
+    total: dict[str, float] = {}
+    instances: dict[str, int] = {}
+    for name, score in zip(scores.classes, scores.scores.tolist(), strict=True):
+        total[name] = total.get(name, 0.0) + score
+        instances[name] = instances.get(name, 0) + 1
+    magnitude = sum(abs(value) for value in total.values())
+    shares: Mapping[str, float] = {
+        name: abs(value) / magnitude if magnitude > 0 else 1 / len(total) for name, value in total.items()
+    }
+    names = sorted(total, key=lambda name: (-shares[name], name))
+    return [
+        ClassAttribution(class_=name, score=total[name], share=shares[name], instances=instances[name])
+        for name in names
+    ]
+
+
+def object_scores(scores: ObjectScores) -> list[ObjectAttribution]:
+    """One entry an object, by falling score, then by id."""
+    order: Sequence[int] = sorted(range(len(scores.ids)), key=lambda i: (-float(scores.scores[i]), scores.ids[i]))
+    return [ObjectAttribution(id=scores.ids[i], class_=scores.classes[i], score=float(scores.scores[i])) for i in order]

@@ -1,0 +1,297 @@
+"""The whole pipeline: a scene-graph update goes in, the place where the robot is and why comes out.
+
+Read `Localiser.update` first. It composes three steps that can also be called apart, so that a node may answer
+every query and explain only some: `apply` takes an update in, `locate` answers for the graph as it is,
+`explain` says which classes carried an answer.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
+from semloc_core.encoder.base import Encoded
+from semloc_core.errors import SemlocError
+from semloc_core.explain import class_scores, object_scores
+from semloc_core.explain.intrinsic import intrinsic_scores
+from semloc_core.map_database import LoadedMap
+from semloc_core.place_graph import Batch, extract
+from semloc_core.posterior import CANDIDATES, RIVAL_RATIO, modes, place_probabilities
+from semloc_core.radius_index import RadiusIndex
+from semloc_core.stream import Outcome, UpdateStream
+from semloc_core.visibility import Visibility
+from semloc_core.wire import (
+    ClassAttributions,
+    MapInfo,
+    Match,
+    ModelInfo,
+    PlaceMatches,
+    SceneGraphUpdate,
+    Status,
+    decode_update,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Query:
+    """One question: where is ``place``, in the graph as it was after update ``seq``? Nothing in it changes later.
+
+    ``batch`` and ``encoded`` are None where there was nothing to embed; ``reason`` then says why.
+    """
+
+    stamp_ns: int
+    seq: int
+    place: str | None
+    batch: Batch | None = None
+    encoded: Encoded | None = None
+    class_names: tuple[str, ...] = ()
+    reason: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """An answer: the message to publish, and what `Localiser.explain` needs to say why."""
+
+    query: Query
+    matches: PlaceMatches
+    map: LoadedMap
+    best_row: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Localisation:
+    """What one update led to.
+
+    Attributes:
+        outcome: what became of the update.
+        located: the answer; None where the update was dropped as a repeat.
+        attributions: why; None where none were due.
+
+    """
+
+    outcome: Outcome
+    located: Located | None = None
+    attributions: ClassAttributions | None = None
+
+    @property
+    def matches(self) -> PlaceMatches | None:
+        """The message to publish."""
+        return self.located.matches if self.located is not None else None
+
+
+@dataclass(eq=False)
+class Localiser:
+    """Localises one robot in one map. Not thread-safe, but what it returns may be read by any thread.
+
+    Args:
+        map: the loaded map database; it brings the encoder and the labelspace.
+        config: options.
+
+    Attributes:
+        unknown_classes: names of object classes that the labelspace lacks -> objects seen of them.
+
+    """
+
+    map: LoadedMap
+    config: LocaliserConfig = field(default_factory=LocaliserConfig)
+    unknown_classes: Counter[str] = field(default_factory=Counter)
+
+    def __post_init__(self) -> None:
+        self.stream = UpdateStream()
+        self._seq, self._stamp_ns = 0, 0
+        self._explained_ns: int | None = None
+        self._visibility: Visibility | None = None
+        self._index = RadiusIndex(self.map.positions, self.map.building_index, MATCH_RADIUS_M)
+
+    def update(self, update: SceneGraphUpdate | bytes | str) -> Localisation:
+        """Take an update, and answer.
+
+        Args:
+            update: the message, or its JSON text.
+
+        Returns:
+            The answer, with attributions where they are due by ``explain_rate_hz``.
+
+        Raises:
+            MessageError: the text is not a valid update; nothing changed.
+            GraphError: the update does not fit the graph; nothing changed.
+
+        """
+        outcome = self.apply(update)
+        if outcome is Outcome.REPEATED:
+            return Localisation(outcome)
+        located = self.locate()
+        attributions = self.explain(located) if self.due(located) else None
+        return Localisation(outcome, located, attributions)
+
+    # -- 1. the update into the graph -----------------------------------------------------------------------
+
+    def apply(self, update: SceneGraphUpdate | bytes | str) -> Outcome:
+        """Take an update into the graph, all or nothing (errors as of `update`)."""
+        if not isinstance(update, SceneGraphUpdate):
+            update = decode_update(update, self.config.max_update_bytes)
+        outcome, change = self.stream.apply(update)
+        if outcome is Outcome.REPEATED:
+            return outcome
+        self._seq, self._stamp_ns = update.seq, update.stamp_ns
+        graph = self.stream.graph
+        if graph is None:
+            self._visibility = None
+        elif self._visibility is None or self._visibility.graph is not graph:
+            self._visibility = Visibility(graph, self.map.model.encoder.extraction.visibility_m)
+        elif change is not None:
+            self._visibility.update(change)
+        for item in update.objects:
+            if outcome is Outcome.APPLIED and self.map.model.labelspace.index(item.class_) < 0:
+                self.unknown_classes[item.class_] += 1
+        return outcome
+
+    # -- 2. the query place, embedded and looked up ---------------------------------------------------------
+
+    def locate(self) -> Located:
+        """Answer for the graph as it is now."""
+        query = self._embed()
+        if query.encoded is None:
+            status: Status = "no_graph" if self.stream.graph is None or not len(self.map.place_ids) else "unknown"
+            return Located(query, self._message(query, status), self.map)
+        similarities = self.map.embeddings @ query.encoded.embedding[0].numpy()
+        rows = _ranking(similarities, max(CANDIDATES, self.config.top_n))
+        shown = rows[: self.config.top_n]
+        separate = modes(rows, self._index.within)
+        asked = np.concatenate([shown, np.array(separate, dtype=np.int64)])
+        chances = place_probabilities(similarities, self.map.model.temperature, asked, self._index.within)
+        probability = dict(zip(asked.tolist(), chances.tolist(), strict=True))
+        best = int(rows[0])
+        accepted = probability[best] >= self.config.accept_probability
+        elsewhere = [row for row in separate[1:] if probability[row] >= RIVAL_RATIO * probability[best]]
+        elsewhere.sort(key=lambda row: -probability[row])
+        rivals = [] if accepted else elsewhere[: self.config.top_n]
+        message = self._message(
+            query,
+            "match" if accepted else "ambiguous",
+            matches=[self._match(i + 1, int(r), similarities, probability) for i, r in enumerate(shown)],
+            rivals=[self._match(i + 1, r, similarities, probability) for i, r in enumerate(rivals)],
+        )
+        return Located(query, message, self.map, best)
+
+    def _embed(self) -> Query:
+        """Find the query place, extract its surroundings, encode them."""
+        graph, model = self.stream.graph, self.map.model
+        place = graph.query_place if graph is not None else None
+        query = Query(self._stamp_ns, self._seq, place)
+        if graph is None or self._visibility is None or not len(self.map.place_ids):
+            return query
+        if place is None:
+            return _because(query, "no query place")
+        if not graph.neighbours[place]:
+            return _because(query, "the query place is isolated")
+        batch = extract(graph, self._visibility, model.labelspace, [place], model.encoder.extraction)
+        if not bool(batch.is_object.any()):
+            return _because(query, "no object in reach of the query place")
+        with torch.inference_mode():
+            encoded = model.encoder.encode(batch)
+        if not bool(encoded.embedding.any()):
+            return _because(query, "the encoder has nothing to say of this place")
+        names = tuple(
+            graph.objects[node].class_ if is_object else ""
+            for node, is_object in zip(batch.node_ids, batch.is_object.tolist(), strict=True)
+        )
+        return Query(query.stamp_ns, query.seq, place, batch, encoded, names)
+
+    # -- 3. why ------------------------------------------------------------------------------------------------
+
+    def due(self, located: Located) -> bool:
+        """Whether an explanation is due for this answer, by ``explain_rate_hz`` on message stamps."""
+        rate = self.config.explain_rate_hz
+        if located.best_row is None or rate <= 0:
+            return False
+        now, last = located.query.stamp_ns, self._explained_ns
+        # Half a millisecond of grace: stamps of a steady stream jitter by rounding.
+        if last is not None and last <= now < last + 1e9 / rate - 5e5:
+            return False
+        self._explained_ns = now
+        return True
+
+    def explain(self, located: Located) -> ClassAttributions:
+        """Say which classes and objects carried an answer. Reads nothing that later updates change.
+
+        Raises:
+            SemlocError: there is nothing to explain: the answer has no match.
+
+        """
+        query = located.query
+        if located.best_row is None or query.batch is None or query.encoded is None:
+            raise SemlocError(f"expected an answer with a match to explain (got {located.matches.status})")
+        target = torch.from_numpy(located.map.embeddings[located.best_row])
+        scores = intrinsic_scores(located.map.model.encoder, query.batch, query.encoded, query.class_names, target)
+        best = located.matches.matches[0]
+        return ClassAttributions(
+            schema="semloc/class_attributions/1",
+            stamp_ns=query.stamp_ns,
+            frame_id=self.config.frame_id,
+            seq=query.seq,
+            query_place=query.place,
+            match_map=best.map,
+            match_place=best.place,
+            method=scores.method,
+            classes=class_scores(scores),
+            objects=object_scores(scores),
+            unattributed=scores.unattributed,
+            fidelity=None,
+            completeness_gap=scores.completeness_gap,
+        )
+
+    # -- messages ----------------------------------------------------------------------------------------------
+
+    def _match(self, rank: int, row: int, similarities: NDArray[np.float32], probability: dict[int, float]) -> Match:
+        x, y, z = self.map.positions[row].tolist()
+        return Match(
+            rank=rank,
+            map=self.map.buildings[int(self.map.building_index[row])],
+            place=self.map.place_ids[row],
+            position=(x, y, z),
+            similarity=float(similarities[row]),
+            probability=probability[row],
+        )
+
+    def _message(
+        self,
+        query: Query,
+        status: Status,
+        matches: list[Match] | None = None,
+        rivals: list[Match] | None = None,
+    ) -> PlaceMatches:
+        model = self.map.model
+        return PlaceMatches(
+            schema="semloc/place_matches/1",
+            stamp_ns=query.stamp_ns,
+            frame_id=self.config.frame_id,
+            seq=query.seq,
+            query_place=query.place,
+            status=status,
+            matches=matches or [],
+            raw_matches=None,
+            rivals=rivals or [],
+            map=MapInfo(name=self.map.name, hash=self.map.hash, places=len(self.map.place_ids)),
+            model=ModelInfo(name=model.encoder.name, hash=model.hash),
+            calibrated=False,
+            latency_ms=None,
+        )
+
+
+def _because(query: Query, reason: str) -> Query:
+    return Query(query.stamp_ns, query.seq, query.place, reason=reason)
+
+
+def _ranking(similarities: NDArray[np.float32], k: int) -> NDArray[np.int64]:
+    """Rows of the k largest similarities, falling; equal ones by row."""
+    if k < len(similarities):
+        candidates = np.flatnonzero(similarities >= np.partition(similarities, -k)[-k])
+    else:
+        candidates = np.arange(len(similarities))
+    return candidates[np.lexsort((candidates, -similarities[candidates]))][:k].astype(np.int64)

@@ -1,0 +1,59 @@
+"""From similarities to probabilities, and from probabilities to an answer: match, or ambiguous between rivals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+CANDIDATES = 256
+"""How many of the most similar places are looked at for rivals; the rest is too unlike to be one."""
+RIVAL_RATIO = 0.5
+"""A place elsewhere rivals the best one from this fraction of its probability on."""
+
+
+def place_probabilities(
+    similarities: NDArray[np.float32], temperature: float, rows: Ints, within: Callable[[int], Ints]
+) -> Floats:
+    """P(the truth lies within the match radius of a place), for each of some places on its own.
+
+    A softmax over the similarities to all places of the map, its temperature fitted in training, summed over the
+    places near each one. Not calibrated: nothing in it knows of a building that is not in the map.
+
+    Args:
+        similarities: (M,) cosine similarities of the query to every place of the map.
+        temperature: of the softmax, > 0.
+        rows: (K,) places asked for.
+        within: gives the rows near a row, itself among them.
+
+    Returns:
+        (K,) float64 in [0, 1].
+
+    """
+    logits = similarities.astype(np.float64) / temperature
+    weights = np.exp(logits - logits.max())
+    weights /= weights.sum()
+    return np.array([min(1.0, float(weights[within(int(row))].sum())) for row in rows], dtype=np.float64)
+
+
+def modes(rows: Ints, within: Callable[[int], Ints]) -> list[int]:
+    """Thin a ranking to places that are not near a better-ranked one.
+
+    Args:
+        rows: (K,) places by falling similarity.
+        within: gives the rows near a row.
+
+    Returns:
+        The best place of each neighbourhood, in the order given.
+
+    """
+    taken: set[int] = set()
+    kept: list[int] = []
+    for row in rows.tolist():
+        if row not in taken:
+            kept.append(row)
+            taken.update(within(row).tolist())
+    return kept

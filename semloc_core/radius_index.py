@@ -1,0 +1,50 @@
+"""Which places of a map lie near a place: a hashed grid, built once for a map, numpy only."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Ints = NDArray[np.int64]
+
+
+class RadiusIndex:
+    """Fixed-radius neighbours among the places of all buildings of a map.
+
+    Args:
+        positions: (M, 3) float64, metres; each building in its own frame.
+        building: (M,) integer; places of different buildings are never near.
+        radius_m: the radius, metres.
+
+    """
+
+    def __init__(self, positions: NDArray[np.float64], building: NDArray[np.int32], radius_m: float) -> None:
+        self._positions = positions
+        self._building = building
+        self._radius = radius_m
+
+    @cached_property
+    def _cells(self) -> tuple[dict[tuple[int, int, int], tuple[int, int]], Ints, Ints]:
+        """Places sorted by (building, x cell, y cell), and where each cell's run begins and ends."""
+        xy = np.floor(self._positions[:, :2] / self._radius).astype(np.int64)
+        keys = np.column_stack([self._building.astype(np.int64), xy])
+        order = np.lexsort((keys[:, 2], keys[:, 1], keys[:, 0]))
+        ordered = keys[order]
+        starts = np.flatnonzero(np.r_[True, np.any(ordered[1:] != ordered[:-1], axis=1)])
+        ends = np.r_[starts[1:], len(ordered)]
+        cells = {
+            (int(b), int(x), int(y)): (int(s), int(e))
+            for (b, x, y), s, e in zip(ordered[starts], starts, ends, strict=True)
+        }
+        return cells, order, keys
+
+    def within(self, row: int) -> Ints:
+        """Rows at most the radius away from place ``row``, itself among them, in rising order."""
+        cells, order, keys = self._cells
+        b, x, y = (int(v) for v in keys[row])
+        runs = [cells.get((b, x + dx, y + dy)) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
+        near = np.concatenate([order[r[0] : r[1]] for r in runs if r is not None])
+        offset = self._positions[near] - self._positions[row]
+        return np.sort(near[np.einsum("ij,ij->i", offset, offset) <= self._radius**2])
