@@ -1,4 +1,7 @@
-"""The localiser's options. The one source of default, unit, range and description: command line and node derive theirs."""
+"""The localiser's options: the one source of default, unit, range and description of each.
+
+Command line and node derive their options and parameters from here.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ MATCH_RADIUS_M = 4.0
 class LocaliserConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Options of `semloc_core.localiser.Localiser`; each field's metadata says what it is and its range."""
 
-    top_n: Annotated[int, Meta(ge=1, le=100, description="how many places a match message lists")] = 5
+    top_n: Annotated[int, Meta(ge=1, le=100, description="how many places a match message lists")] = 10
     explainer: Annotated[
         Literal["attention"],
         Meta(description="how objects are credited; an encoder without attention answers in closed form"),

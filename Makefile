@@ -1,0 +1,55 @@
+# Everything a fresh machine needs: `make demo`, `make test` and, where ROS 2 Jazzy is installed, `make ros`.
+# Python 3.11 or newer; PYTHON=/path/to/python chooses another one. Nothing is installed outside .venv.
+PYTHON ?= $(shell for p in python3.12 python3.11 python3.13 python3; do command -v $$p >/dev/null 2>&1 && \
+	$$p -c 'import sys, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
+VENV ?= .venv
+PY := $(VENV)/bin/python
+PIP := $(PY) -m pip --disable-pip-version-check --quiet install --constraint constraints.txt
+OUT ?= out
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint types unit assets bench clean
+
+help: ## what there is to make
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 12
+
+# -- environments ---------------------------------------------------------------------------------------------
+
+$(VENV)/.created:
+	@test -n "$(PYTHON)" || { echo "semloc needs Python 3.11 or newer with venv (Debian: apt install python3-venv)"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	sh tools/install_torch.sh $(PY)
+	@touch $@
+
+$(VENV)/.tools: $(VENV)/.created pyproject.toml constraints.txt
+	$(PIP) --editable '.[tools]'
+	@touch $@
+
+$(VENV)/.test: $(VENV)/.tools
+	$(PIP) --editable '.[tools,hydra,test]'
+	@touch $@
+
+# -- what users run -------------------------------------------------------------------------------------------
+
+demo: $(VENV)/.tools ## replay a recorded run against a map: matches, attributions, a report in out/demo
+	sh tools/demo.sh $(PY) $(OUT)/demo
+
+test: lint types unit ## ruff, mypy and the whole test suite
+
+lint: $(VENV)/.test
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+
+types: $(VENV)/.test
+	$(VENV)/bin/mypy
+
+unit: $(VENV)/.test
+	$(PY) -m pytest -n 2 --dist worksteal -r s
+
+# -- what the project ships, made again from nothing -------------------------------------------------------------
+
+assets: $(VENV)/.tools ## make the shipped office, model, map and bag again
+	sh tools/make_assets.sh $(PY)
+
+clean: ## remove the environment and what was made
+	rm -rf $(VENV) $(OUT) build *.egg-info
