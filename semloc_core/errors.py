@@ -31,6 +31,10 @@ class ModelError(SemlocError):
     """A checkpoint can't be read, or an encoder is given what it was not made for."""
 
 
+class TrainingError(SemlocError):
+    """There is nothing to learn from, or a training state does not continue what it is given."""
+
+
 class MapError(SemlocError):
     """A map database can't be read or written, or does not fit model or labelspace."""
 

@@ -1,0 +1,130 @@
+"""Training's options: one source of default, unit, range and description for library and command line."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+from semloc_core.config import MATCH_RADIUS_M
+
+
+class PerturbConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What is done to a building to get another day's view of it; the defaults change nothing but objects' places.
+
+    With the defaults this is the paper's perturbation (section IV-B2): objects displaced by class-specific mobility.
+    """
+
+    mobility_scale: Annotated[
+        float,
+        Meta(
+            ge=0.0,
+            le=20.0,
+            description="factor on each class's mobility (standard deviation of x and of y, in m)",
+        ),
+    ] = 1.0
+    jitter_m: Annotated[
+        float,
+        Meta(ge=0.0, le=5.0, description="standard deviation of x and of y added to every object, in m"),
+    ] = 0.0
+    drop_probability: Annotated[
+        float, Meta(ge=0.0, le=1.0, description="probability that an object is missed")
+    ] = 0.0
+    false_ratio: Annotated[
+        float,
+        Meta(
+            ge=0.0,
+            le=5.0,
+            description="invented objects, as a share of the building's objects (Poisson mean)",
+        ),
+    ] = 0.0
+    mislabel_probability: Annotated[
+        float, Meta(ge=0.0, le=1.0, description="probability that an object gets another class")
+    ] = 0.0
+    resample_probability: Annotated[
+        float,
+        Meta(ge=0.0, le=1.0, description="probability that the building's places are sampled anew"),
+    ] = 0.0
+    spacing_low: Annotated[
+        float,
+        Meta(
+            ge=0.2,
+            le=5.0,
+            description="least spacing of places sampled anew, as a factor on the original spacing",
+        ),
+    ] = 0.8
+    spacing_high: Annotated[
+        float,
+        Meta(
+            ge=0.2,
+            le=5.0,
+            description="largest spacing of places sampled anew, as a factor on the original spacing",
+        ),
+    ] = 1.2
+
+
+class TrainConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Options of `semloc_core.training.loop.train`; each field's metadata says what it is and its range."""
+
+    encoder: Annotated[str, Meta(description="the encoder's name")] = "paper"
+    encoder_options: Annotated[
+        dict[str, Any], Meta(description="options of the encoder that differ from its defaults")
+    ] = msgspec.field(default_factory=dict)
+    loss: Annotated[
+        Literal["infonce", "triplet", "contrastive"], Meta(description="the loss (paper, Table II)")
+    ] = "infonce"
+    margin: Annotated[
+        float, Meta(gt=0.0, le=2.0, description="margin of the contrastive loss, a distance of unit vectors")
+    ] = 1.0
+    triplet_margin: Annotated[
+        float, Meta(gt=0.0, le=2.0, description="margin of the triplet loss, a distance of unit vectors")
+    ] = 0.2
+    temperature: Annotated[float, Meta(gt=0.0, le=10.0, description="temperature T of InfoNCE")] = 0.7
+    positive_radius_m: Annotated[
+        float, Meta(gt=0.0, le=100.0, description="places within this 3D distance are one answer, in m")
+    ] = MATCH_RADIUS_M
+    seed: Annotated[
+        int, Meta(ge=0, le=2**63 - 1, description="seed of weights, split, perturbations and batches")
+    ] = 0
+    steps: Annotated[int, Meta(ge=1, le=10_000_000, description="optimiser steps")] = 200
+    learning_rate: Annotated[float, Meta(gt=0.0, le=1.0, description="Adam's step size at the start")] = 5e-3
+    warmup_steps: Annotated[int, Meta(ge=0, description="steps over which the step size rises from zero")] = (
+        10
+    )
+    weight_decay: Annotated[float, Meta(ge=0.0, le=1.0, description="Adam's L2 penalty")] = 0.0
+    gradient_clip: Annotated[
+        float, Meta(gt=0.0, description="largest norm of a step's gradient before it is scaled down")
+    ] = 5.0
+    buildings_per_step: Annotated[
+        int, Meta(ge=1, le=1000, description="buildings in one step; places of others are negatives")
+    ] = 4
+    anchors_per_building: Annotated[
+        int, Meta(ge=1, le=100_000, description="query places of one building in one step, at most")
+    ] = 1000
+    pool: Annotated[
+        int,
+        Meta(
+            ge=2, le=1000, description="perturbed variants of each building that are kept to draw pairs from"
+        ),
+    ] = 8
+    refresh_steps: Annotated[
+        int,
+        Meta(
+            ge=1, description="steps after which the oldest variant of each building is replaced by a new one"
+        ),
+    ] = 5
+    perturb: Annotated[PerturbConfig, Meta(description="what makes the training pairs")] = PerturbConfig()
+    validate: Annotated[PerturbConfig, Meta(description="what makes the validation pairs")] = PerturbConfig()
+    validate_steps: Annotated[
+        int, Meta(ge=1, description="steps between two looks at the validation split")
+    ] = 20
+    patience: Annotated[
+        int, Meta(ge=1, description="looks at the validation split without gain after which training stops")
+    ] = 10
+    max_seconds: Annotated[
+        float | None,
+        Meta(
+            gt=0.0, description="stop after so many seconds; the result then depends on the machine's speed"
+        ),
+    ] = None

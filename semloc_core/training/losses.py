@@ -1,0 +1,150 @@
+r"""The paper's three losses, multi-positive (section IV-B2, Table II).
+
+All take z_query (B, D) and z_map (M, D), float32 rows of unit length; ``positive`` (B, M) bool, which map places are
+the query's place (within 4 m of the truth); ``ignore`` (B, M) bool or None, pairs that are neither. They return a
+scalar, the mean over the queries that can be judged, and a zero with a gradient of zero where none can.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from semloc_core.training.config import TrainConfig
+
+Loss = Callable[[Tensor, Tensor, Tensor, Tensor | None], Tensor]
+
+
+def contrastive(
+    z_query: Tensor, z_map: Tensor, positive: Tensor, ignore: Tensor | None = None, *, margin: float = 1.0
+) -> Tensor:
+    r"""Contrastive loss (Hadsell, Chopra, LeCun 2006, equation 4; paper: margin 1).
+
+    With d the Euclidean distance of a pair, a positive pair costs d²/2 and a negative one max(0, margin − d)²/2.
+    The two kinds are averaged apart and added: else the negatives, many times more, would drown the positives.
+
+    Args:
+        z_query: (B, D) unit rows.
+        z_map: (M, D) unit rows.
+        positive: (B, M) bool.
+        ignore: (B, M) bool or None.
+        margin: distance beyond which a negative pair costs nothing.
+
+    Returns:
+        Scalar.
+
+    """
+    negative = _negative(positive, ignore)
+    squared = _squared_distance(z_query, z_map)
+    attract = squared / 2
+    repel = (margin - _root(squared)).clamp(min=0).square() / 2
+    return _mean(attract, _positive(positive, ignore)) + _mean(repel, negative)
+
+
+def triplet(
+    z_query: Tensor, z_map: Tensor, positive: Tensor, ignore: Tensor | None = None, *, margin: float = 0.2
+) -> Tensor:
+    r"""Triplet loss (Weinberger, Saul 2009) with batch-hard mining (Hermans, Beyer, Leibe 2017, equation 5).
+
+    max(0, margin + max over positives of d − min over negatives of d), d the Euclidean distance: the farthest of
+    the positives against the nearest of the negatives. A query without a positive or a negative is left out.
+
+    Args:
+        z_query: (B, D) unit rows.
+        z_map: (M, D) unit rows.
+        positive: (B, M) bool.
+        ignore: (B, M) bool or None.
+        margin: by how much the negative must be farther.
+
+    Returns:
+        Scalar.
+
+    """
+    positive, negative = _positive(positive, ignore), _negative(positive, ignore)
+    judged = positive.any(1) & negative.any(1)
+    if not judged.any():
+        return _nothing(z_query, z_map)
+    distance = _root(_squared_distance(z_query, z_map))[judged]
+    farthest = distance.masked_fill(~positive[judged], -torch.inf).amax(1)
+    nearest = distance.masked_fill(~negative[judged], torch.inf).amin(1)
+    return (margin + farthest - nearest).clamp(min=0).mean()
+
+
+def infonce(
+    z_query: Tensor,
+    z_map: Tensor,
+    positive: Tensor,
+    ignore: Tensor | None = None,
+    *,
+    temperature: float = 0.7,
+) -> Tensor:
+    r"""InfoNCE (van den Oord, Li, Vinyals 2018, equation 4; paper: T = 0.7) with several positives.
+
+    Each positive p is told from all map places m that are not ignored, and the positives of a query are averaged
+    (Khosla et al. 2020, equation 2): −mean_p [s_p / T − log Σ_m exp(s_m / T)], s the scalar product. A query without
+    a positive is left out.
+
+    Args:
+        z_query: (B, D) unit rows.
+        z_map: (M, D) unit rows.
+        positive: (B, M) bool.
+        ignore: (B, M) bool or None.
+        temperature: T.
+
+    Returns:
+        Scalar.
+
+    """
+    positive = _positive(positive, ignore)
+    judged = positive.any(1)
+    if not judged.any():
+        return _nothing(z_query, z_map)
+    logits = (z_query @ z_map.T)[judged] / temperature
+    if ignore is not None:
+        logits = logits.masked_fill(ignore[judged], -torch.inf)
+    chosen = positive[judged]
+    mean_positive = logits.masked_fill(~chosen, 0.0).sum(1) / chosen.sum(1)
+    return (logits.logsumexp(1) - mean_positive).mean()
+
+
+def build_loss(config: TrainConfig) -> Loss:
+    """The loss that a training configuration names, with its margin or temperature."""
+
+    def loss(z_query: Tensor, z_map: Tensor, positive: Tensor, ignore: Tensor | None) -> Tensor:
+        if config.loss == "contrastive":
+            return contrastive(z_query, z_map, positive, ignore, margin=config.margin)
+        if config.loss == "triplet":
+            return triplet(z_query, z_map, positive, ignore, margin=config.triplet_margin)
+        return infonce(z_query, z_map, positive, ignore, temperature=config.temperature)
+
+    return loss
+
+
+def _positive(positive: Tensor, ignore: Tensor | None) -> Tensor:
+    return positive if ignore is None else positive & ~ignore
+
+
+def _negative(positive: Tensor, ignore: Tensor | None) -> Tensor:
+    return ~positive if ignore is None else ~(positive | ignore)
+
+
+def _squared_distance(z_query: Tensor, z_map: Tensor) -> Tensor:
+    """(B, M) squared Euclidean distances; exact for rows of any length (a place in view of nothing embeds to zero)."""
+    product = z_query @ z_map.T
+    return (z_query.square().sum(1)[:, None] + z_map.square().sum(1)[None, :] - 2 * product).clamp(min=0)
+
+
+def _root(squared: Tensor) -> Tensor:
+    """Square root whose gradient at zero is zero instead of infinite: two equal embeddings have no direction."""
+    apart = squared > 0
+    return torch.where(apart, torch.where(apart, squared, 1.0).sqrt(), 0.0)
+
+
+def _mean(values: Tensor, where: Tensor) -> Tensor:
+    return (values * where).sum() / where.sum().clamp(min=1)
+
+
+def _nothing(z_query: Tensor, z_map: Tensor) -> Tensor:
+    return 0.0 * (z_query.sum() + z_map.sum())
