@@ -1,149 +1,207 @@
-"""The wire: JSON text to typed messages and back. The only file that knows what a message looks like.
+"""The wire: JSON text to typed messages and back. The only file that knows what a message looks like as text.
 
-Lengths are metres, angles radians, stamps signed 64-bit integer nanoseconds, node ids strings. JSON Schemas of
-these types are in ``msgs_schema/`` (see `semloc_core.schemas`). Decoding is strict: unknown fields, wrong types,
-non-finite numbers, duplicate ids and self-loops are refused with one line, and so is an edge of a full update
-that names an unknown node (for a delta only the graph can tell: `semloc_core.scene_graph`).
+The types are in `semloc_core.messages` (and named here again), their JSON Schemas in ``msgs_schema/`` (see
+`semloc_core.schemas`). Decoding is strict: unknown fields, wrong types, non-finite numbers, duplicate ids and
+self-loops are refused with one line, and so is an edge of a full update that names an unknown node (for a delta
+only the graph can tell: `semloc_core.scene_graph`).
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import math
+from functools import cache
+from typing import Any, TypeVar
 
 import msgspec
+import numpy as np
 
-Position = tuple[float, float, float]
-Int64 = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
-Sequence64 = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
-Status = Literal["match", "ambiguous", "unknown", "no_graph"]
+from semloc_core.errors import MessageError
+from semloc_core.message_checks import CHECKS
+from semloc_core.messages import (
+    MESSAGES,
+    ClassAttribution,
+    ClassAttributions,
+    ClassContrast,
+    Counterfactual,
+    ExplainRequest,
+    Explanation,
+    Fidelity,
+    Int64,
+    MapInfo,
+    Match,
+    MethodAttributions,
+    ModelInfo,
+    Object,
+    ObjectAttribution,
+    ObjectName,
+    Odometry,
+    Place,
+    PlaceMatches,
+    Position,
+    SceneGraphUpdate,
+    Sequence64,
+    Status,
+    WhyNot,
+)
+
+__all__ = [
+    "ClassAttribution",
+    "ClassAttributions",
+    "ClassContrast",
+    "Counterfactual",
+    "DECIMALS",
+    "ExplainRequest",
+    "Explanation",
+    "Fidelity",
+    "Int64",
+    "MAX_BYTES",
+    "MESSAGES",
+    "MapInfo",
+    "Match",
+    "MethodAttributions",
+    "ModelInfo",
+    "Object",
+    "ObjectAttribution",
+    "ObjectName",
+    "Odometry",
+    "Place",
+    "PlaceMatches",
+    "Position",
+    "SceneGraphUpdate",
+    "Sequence64",
+    "Status",
+    "WhyNot",
+    "decode",
+    "decode_update",
+    "encode",
+    "one_line",
+    "schema_of",
+]
+
+MAX_BYTES = 16 * 2**20  # the default of `max_update_bytes`
+DECIMALS = 6  # of every float on output: micrometres, and far below what a similarity means
+LONGEST_LINE = 300
+
+T = TypeVar("T", bound=msgspec.Struct)
 
 
-class Place(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A place node: a patch of free space. ``position`` in metres, in the message's frame."""
-
-    id: str
-    position: Position
+class _Header(msgspec.Struct):
+    schema: msgspec.Raw = msgspec.Raw(b"")
 
 
-class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"class_": "class"}):
-    """An object node. ``class`` is a name of the labelspace, ``size`` the box's edge lengths in metres."""
-
-    id: str
-    class_: str
-    position: Position
-    size: Position | None = None
+_header_decoder = msgspec.json.Decoder(_Header)
 
 
-class Odometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The robot's pose in the odometry frame (metres; unit quaternion x, y, z, w)."""
-
-    position: Position
-    orientation_xyzw: tuple[float, float, float, float]
+@cache
+def _decoder(type_: type[T]) -> msgspec.json.Decoder[T]:
+    return msgspec.json.Decoder(type_)
 
 
-class SceneGraphUpdate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """In: a full scene graph, or a delta to the one before. Nodes are upserts."""
-
-    schema: Literal["semloc/scene_graph_update/1"]
-    stamp_ns: Int64
-    frame_id: str
-    seq: Sequence64
-    full: bool
-    places: list[Place]
-    objects: list[Object]
-    edges: list[tuple[str, str]]
-    query_place: str | None
-    sightings: list[tuple[str, str]] = []
-    removed_nodes: list[str] = []
-    removed_edges: list[tuple[str, str]] = []
-    odometry: Odometry | None = None
+@cache
+def schema_of(type_: type[msgspec.Struct]) -> str:
+    """The ``schema`` of a message type, e.g. ``semloc/scene_graph_update/1``."""
+    literal: Any = msgspec.structs.fields(type_)[0].type
+    return str(literal.__args__[0])
 
 
-class Match(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One place of the map. ``position`` (m) is in the frame of its building ``map``; ``rank`` counts from 1.
+def decode_update(data: bytes | str, max_bytes: int = MAX_BYTES) -> SceneGraphUpdate:
+    """Decode a scene-graph update.
 
-    ``probability`` is P(this place lies within 4 m of the truth); the list's need not sum to 1.
+    Args:
+        data: JSON text (UTF-8 if bytes).
+        max_bytes: an update that is longer is refused before anything looks at it.
+
+    Raises:
+        MessageError: see `decode`.
+
     """
-
-    rank: int
-    map: str
-    place: str
-    position: Position
-    similarity: float
-    probability: float
+    return decode(data, SceneGraphUpdate, max_bytes)
 
 
-class MapInfo(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Which map answered: file name, content hash (sha256, hex) and number of places."""
+def decode(data: bytes | str, type_: type[T], max_bytes: int = MAX_BYTES) -> T:
+    """Decode a message, strictly.
 
-    name: str
-    hash: str
-    places: int
+    Args:
+        data: JSON text (UTF-8 if bytes).
+        type_: a message type, one of `MESSAGES`.
+        max_bytes: a longer text is refused before anything looks at it.
 
+    Raises:
+        MessageError: the text is too long, not UTF-8, not JSON, nested too deeply, of another schema, or what it
+            says can't be; one line.
 
-class ModelInfo(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Which encoder answered: its name and content hash (sha256, hex)."""
-
-    name: str
-    hash: str
-
-
-class PlaceMatches(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Out: the top-N places. ``latency_ms`` is null in replay; ``calibrated`` says if the probabilities are."""
-
-    schema: Literal["semloc/place_matches/1"]
-    stamp_ns: Int64
-    frame_id: str
-    seq: Sequence64
-    query_place: str | None
-    status: Status
-    matches: list[Match]
-    raw_matches: list[Match] | None
-    rivals: list[Match]
-    map: MapInfo | None
-    model: ModelInfo | None
-    calibrated: bool
-    latency_ms: float | None
-
-
-class ClassAttribution(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"class_": "class"}):
-    """A class's part in the match: signed ``score``, ``share`` ≥ 0 (shares sum to 1), objects counted."""
-
-    class_: str
-    score: float
-    share: float
-    instances: int
+    """
+    expected = schema_of(type_)
+    try:
+        # a character is at least one byte, so a text that is too long is never copied
+        if len(data) <= max_bytes and isinstance(data, str):
+            data = data.encode()
+        if len(data) > max_bytes:
+            raise MessageError(f"expected a message of at most {max_bytes} bytes (got {len(data)})")
+        message: T = _decoder(type_).decode(data)
+    except UnicodeError as error:
+        raise MessageError(one_line(f"expected UTF-8 text (got {error})")) from error
+    except RecursionError as error:
+        raise MessageError(f"expected a {expected} message (got JSON nested too deeply)") from error
+    except msgspec.ValidationError as error:
+        got = _schema_in(data)
+        if got is not None and got != expected:
+            raise MessageError(one_line(f"expected schema {expected} (got {got})")) from error
+        raise MessageError(one_line(f"expected a valid {expected} message (got: {error})")) from error
+    except msgspec.DecodeError as error:
+        raise MessageError(one_line(f"expected JSON text (got: {error})")) from error
+    if (check := CHECKS.get(type_)) is not None:
+        try:
+            check(message)
+        except MessageError as error:
+            raise MessageError(one_line(str(error))) from None
+    return message
 
 
-class ObjectAttribution(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"class_": "class"}):
-    """One object's signed ``score``."""
-
-    id: str
-    class_: str
-    score: float
-
-
-class Fidelity(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Necessity Δ⁺, sufficiency Δ⁻ and the characterisation score at the fraction ``budget`` of objects kept."""
-
-    necessity: float
-    sufficiency: float
-    characterisation: float
-    budget: float
+def _schema_in(data: bytes | str) -> str | None:
+    """What a refused text says its schema is; None where even that can't be read."""
+    try:
+        raw = bytes(_header_decoder.decode(data).schema)
+        return str(msgspec.json.decode(raw, type=str)) if raw else "none"
+    except (msgspec.DecodeError, UnicodeError, RecursionError):
+        return None
 
 
-class ClassAttributions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Out: how much each semantic class contributed to the top match, by falling share."""
+def encode(message: msgspec.Struct) -> bytes:
+    """A message as compact JSON, in the order of its fields; the same message gives the same bytes.
 
-    schema: Literal["semloc/class_attributions/1"]
-    stamp_ns: Int64
-    frame_id: str
-    seq: Sequence64
-    query_place: str | None
-    match_map: str | None
-    match_place: str | None
-    method: str
-    classes: list[ClassAttribution]
-    objects: list[ObjectAttribution]
-    fidelity: Fidelity | None
-    completeness_gap: float | None
+    Floats are rounded to 6 decimals and -0.0 is written as 0.0, so that a replay is byte-identical wherever the
+    last bits differ. NumPy scalars are taken for what they hold.
+
+    Raises:
+        MessageError: a float is NaN or infinite, or a value has no JSON form.
+
+    """
+    try:
+        return msgspec.json.encode(_rounded(msgspec.to_builtins(message, enc_hook=_scalar)))
+    except (TypeError, UnicodeError, OverflowError, RecursionError) as error:
+        raise MessageError(one_line(f"expected values that JSON can hold (got: {error})")) from error
+
+
+def _scalar(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    raise NotImplementedError(f"{type(value).__name__} in a message")
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            raise MessageError(f"expected finite numbers in a message (got {value})")
+        return round(value, DECIMALS) + 0.0  # -0.0 + 0.0 is 0.0
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(item) for item in value]
+    return value
+
+
+def one_line(text: str) -> str:
+    """Text as a single line of at most 300 characters: what another machine sent is never printed raw."""
+    line = "".join(c if c.isprintable() else c.encode("unicode_escape", "replace").decode() for c in text)
+    return line if len(line) <= LONGEST_LINE else line[: LONGEST_LINE - 1] + "…"
