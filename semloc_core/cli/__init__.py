@@ -1,0 +1,84 @@
+"""The command ``semloc``: parse, call, print. Whatever it does can be had from the library as well."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from typing import Annotated
+
+import typer
+
+from semloc_core import __version__
+from semloc_core.cli import bags, evaluate, explain, maps, replay, train, world
+from semloc_core.errors import SemlocError
+
+HELP = """Tells a robot where it is, and why it thinks so, from the semantics of a 3D scene graph.
+
+A GRAPH is a Hydra scene-graph file (JSON, or .sparkdsg with spark_dsg installed).
+A RUN is a bag: a recording of scene-graph updates (rosbag2 folder or .mcap).
+
+From a building's graph to an explained answer:
+
+    semloc train office.json -o office.model
+
+    semloc map build office.json --model office.model -o office.map
+
+    semloc bag simulate office.json -o run.mcap
+
+    semloc replay run.mcap --map office.map -o results.mcap
+
+Without a graph of your own, `semloc world office -o office.json` makes one.
+"""
+
+app = typer.Typer(
+    name="semloc", help=HELP, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode="markdown"
+)
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"semloc {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say more of what happens.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    logging.basicConfig(
+        level=logging.INFO if verbose else logging.WARNING, format="%(levelname)s: %(message)s", stream=sys.stderr
+    )
+
+
+app.command("train")(train.train)
+app.add_typer(maps.app, name="map")
+app.add_typer(world.app, name="world")
+app.add_typer(bags.app, name="bag")
+app.command("replay")(replay.replay)
+app.command("explain")(explain.explain)
+app.add_typer(evaluate.app, name="evaluate")
+
+
+def main() -> None:
+    """Run the command line; an error that semloc foresees becomes one line on stderr and exit status 2."""
+    try:
+        app()
+    except SemlocError as error:
+        _fail(str(error))
+    except OSError as error:
+        _fail(f"{error.filename or 'input or output'}: {error.strerror or error}")
+    except KeyboardInterrupt:
+        sys.stderr.write("semloc: interrupted\n")
+        sys.exit(130)
+
+
+def _fail(message: str) -> None:
+    if sys.exc_info()[0] is BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(141)
+    sys.stderr.write(f"semloc: {' '.join(message.split())}\n")
+    sys.exit(2)

@@ -1,0 +1,105 @@
+"""What the commands share: options, reading graphs and runs, progress, tables and figures."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from semloc_core.errors import FileFormatError
+
+if TYPE_CHECKING:
+    from semloc_core.hydra import HydraFile
+    from semloc_core.labelspace import Labelspace
+    from semloc_core.scene_graph import SceneGraph
+
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")]
+Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the figures as JSON.")]
+LabelspaceOption = Annotated[
+    str | None,
+    typer.Option(
+        "--labelspace",
+        metavar="NAME|FILE",
+        help="Classes: a shipped name (uhumans2_office, uhumans2_apartment, coco, mpcat40) or a YAML file; "
+        "default: taken from the graph file.",
+    ),
+]
+
+console = Console(highlight=False)
+
+
+def note(text: str) -> None:
+    """One line for the person, on stderr, so that stdout stays for results."""
+    sys.stderr.write(text + "\n")
+
+
+def is_run(path: Path) -> bool:
+    """Whether an input is a bag rather than a graph file."""
+    return path.suffix == ".mcap" or path.is_dir()
+
+
+def building_name(path: Path) -> str:
+    """Name of the building a file holds: its stem, or its folder's name where the stem says only its role."""
+    return path.resolve().parent.name if path.stem in ("map", "query", "graph", "dsg") else path.stem
+
+
+def pick_labelspace(option: str | None) -> Labelspace | None:
+    """The labelspace that ``--labelspace`` names; None: take the file's own."""
+    from semloc_core.labelspace import load_labelspace
+
+    return load_labelspace(option) if option is not None else None
+
+
+def read_graph(path: Path, labelspace: Labelspace | None) -> HydraFile:
+    """Read a GRAPH."""
+    from semloc_core.hydra import read_hydra
+
+    if not path.exists():
+        raise FileFormatError(f"expected a scene-graph file (got {path}, which does not exist)")
+    return read_hydra(path, labelspace)
+
+
+def read_graph_or_run(path: Path, labelspace: Labelspace) -> SceneGraph:
+    """Read a GRAPH, or a RUN to its end."""
+    if is_run(path):
+        from semloc_core.simulate import graph_at_end
+
+        return graph_at_end(path)
+    return read_graph(path, labelspace).graph
+
+
+def report_unknown_classes(unknown: dict[str, int], where: str) -> None:
+    """Say which classes the labelspace lacks: they are counted, never silently dropped."""
+    if unknown:
+        listed = ", ".join(f"{name} ({count})" for name, count in sorted(unknown.items()))
+        note(f"{where}: objects of classes that the labelspace lacks are not used: {listed}")
+
+
+@contextmanager
+def progress(description: str) -> Iterator[Callable[[int, int, str], None]]:
+    """A progress bar on stderr; call what it yields with (done, total, a few words)."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[words]}"), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(description, total=None, words="")
+
+        def step(done: int, total: int, words: str = "") -> None:
+            bar.update(task, completed=done, total=total, words=words)
+
+        yield step
+
+
+def show(
+    command: str, seed: int, inputs: Sequence[Path], rows: list[dict[str, Any]], json_file: Path | None, title: str
+) -> None:
+    """Print rows as a table and, if asked, write the same rows as JSON."""
+    from semloc_core.evaluate.table import document, print_table
+
+    print_table(rows, title=title, console=console)
+    if json_file is not None:
+        json_file.write_bytes(document(command, seed, [str(p) for p in inputs], rows))

@@ -1,0 +1,87 @@
+"""``semloc replay``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from semloc_core.cli.common import Json, console, note, report_unknown_classes, show
+from semloc_core.config import LocaliserConfig, checked, options
+
+_HELP = {option.name: option.description for option in options(LocaliserConfig)}
+_DEFAULT = LocaliserConfig()
+
+
+def replay(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The recorded run.")],
+    map_file: Annotated[Path, typer.Option("--map", metavar="MAP", help="The map database.")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="RESULTS", help="Write matches and attributions to a bag.")
+    ] = None,
+    topic: Annotated[str, typer.Option(help="Topic of the scene-graph updates.")] = "/scene_graph",
+    top_n: Annotated[int, typer.Option(help=_HELP["top_n"])] = _DEFAULT.top_n,
+    explain_rate_hz: Annotated[float, typer.Option(help=_HELP["explain_rate_hz"])] = _DEFAULT.explain_rate_hz,
+    accept_probability: Annotated[float, typer.Option(help=_HELP["accept_probability"])] = _DEFAULT.accept_probability,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the closing table.")] = False,
+    json_file: Json = None,
+) -> None:
+    """Localise along a recorded run: the node's work without ROS, the same bytes from run to run.
+
+    Prints an answer a second of the run, then a table: success within 4 m by distance travelled, where the run brings
+    its ground truth, and latency.
+    """
+    import torch
+
+    from semloc_core.map_database import load
+    from semloc_core.replay import Answer
+    from semloc_core.replay import replay as run_replay
+
+    torch.set_num_threads(1)
+    config = checked(
+        LocaliserConfig, top_n=top_n, explain_rate_hz=explain_rate_hz, accept_probability=accept_probability
+    )
+    shown_ns: list[int] = []
+
+    def on_answer(answer: Answer) -> None:
+        stamp = answer.matches.stamp_ns
+        if quiet or (shown_ns and 0 <= stamp - shown_ns[-1] < 1_000_000_000):
+            return
+        shown_ns[:] = [shown_ns[0] if shown_ns else stamp, stamp]
+        console.print(_line(answer, (stamp - shown_ns[0]) / 1e9))
+
+    summary = run_replay(run, load(map_file), config, topic=topic, results=output, on_answer=on_answer)
+    report_unknown_classes(dict(summary.unknown_classes), str(run))
+    statuses = ", ".join(f"{count} {name}" for name, count in sorted(summary.statuses.items()))
+    console.print(f"{summary.updates} updates: {statuses}")
+    dropped = {k: v for k, v in sorted(summary.counts.items()) if k != "applied" and v}
+    if dropped:
+        note("updates not applied: " + ", ".join(f"{count} {name}" for name, count in dropped.items()))
+    if summary.unscored:
+        note(f"{summary.unscored} answers not scored: the ground truth names no building of this map")
+    rows = [{**row, "p50_ms": None, "p99_ms": None} for row in summary.rows]
+    if not rows:
+        note("no ground truth in the run: nothing to score")
+        rows = [{"method": "latency", "scope": "all", "queries": sum(summary.statuses.values())}]
+    rows[-1] |= {"p50_ms": summary.p50_ms, "p99_ms": summary.p99_ms}
+    show("replay", 0, [run, map_file], rows, json_file, title=f"{run} against {map_file}")
+    if output is not None:
+        console.print(f"results: {output}")
+
+
+def _line(answer: object, seconds: float) -> str:
+    from semloc_core.replay import Answer
+
+    assert isinstance(answer, Answer)
+    matches, why = answer.matches, ""
+    if answer.attributions is not None:
+        why = "  because " + ", ".join(f"{c.class_} {c.share:.0%}" for c in answer.attributions.classes[:4])
+    if not matches.matches:
+        return f"{seconds:7.1f} s  {matches.status}"
+    best = matches.matches[0]
+    x, y, z = best.position
+    return (
+        f"{seconds:7.1f} s  {matches.status:9s}  {best.map} ({x:.1f}, {y:.1f}, {z:.1f}) "
+        f"p={best.probability:.2f} s={best.similarity:.3f}{why}"
+    )

@@ -1,0 +1,119 @@
+"""How right the answers along a run were, by distance travelled. Memory does not grow with the run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semloc_core.config import MATCH_RADIUS_M
+from semloc_core.wire import PlaceMatches, Position
+
+FROM_METRES = (0.0, 5.0, 10.0, 20.0, 40.0)
+"""Where the distance brackets begin; a row's scope is the bracket's beginning (``5m``: 5 m to 10 m)."""
+TOP = (1, 5, 10)
+_LOWEST_MS, _RATIO, _BINS = 1e-3, 1.01, 2000
+
+
+class LatencyHistogram:
+    """Percentiles of a stream of durations, to 1 %, in fixed memory (logarithmic bins from 1 µs on)."""
+
+    def __init__(self) -> None:
+        self._counts: NDArray[np.int64] = np.zeros(_BINS, dtype=np.int64)
+
+    def add(self, milliseconds: float) -> None:
+        """Count one duration."""
+        position = np.log(max(milliseconds, _LOWEST_MS) / _LOWEST_MS) / np.log(_RATIO)
+        self._counts[min(int(position), _BINS - 1)] += 1
+
+    def percentile(self, percent: float) -> float | None:
+        """Milliseconds that ``percent`` of the durations do not exceed; None where none was counted."""
+        total = int(self._counts.sum())
+        if total == 0:
+            return None
+        position = int(np.searchsorted(np.cumsum(self._counts), np.ceil(total * percent / 100.0)))
+        return float(_LOWEST_MS * _RATIO ** (position + 0.5))
+
+
+@dataclass
+class _Bracket:
+    queries: int = 0
+    answered: int = 0
+    accepted: int = 0
+    accepted_right: int = 0
+    right: dict[int, int] = field(default_factory=lambda: dict.fromkeys(TOP, 0))
+
+
+class TraversalScore:
+    """Compares answers with where the robot truly was.
+
+    Args:
+        buildings: names of the map's buildings. Where there are several, a truth counts only if its frame is the
+            name of one, and a match only in that one.
+
+    """
+
+    def __init__(self, buildings: Sequence[str]) -> None:
+        self._buildings = tuple(buildings)
+        self._brackets = [_Bracket() for _ in FROM_METRES]
+        self._total = _Bracket()
+        self._travelled = 0.0
+        self._last: tuple[str, Position] | None = None
+        self.unscored = 0
+
+    def add(self, answer: PlaceMatches, position: Position, frame_id: str) -> bool:
+        """Score one answer.
+
+        Args:
+            answer: the published matches.
+            position: where the robot truly was (m), in the frame ``frame_id``.
+            frame_id: of the truth; a building's name, or anything where the map has one building only.
+
+        Returns:
+            Whether the answer could be scored.
+
+        """
+        if frame_id not in self._buildings and len(self._buildings) != 1:
+            self.unscored += 1
+            return False
+        building = frame_id if frame_id in self._buildings else self._buildings[0]
+        if self._last is not None and self._last[0] == frame_id:
+            self._travelled += float(np.linalg.norm(np.subtract(position, self._last[1])))
+        self._last = (frame_id, position)
+        near = [
+            m.map == building and float(np.linalg.norm(np.subtract(m.position, position))) <= MATCH_RADIUS_M
+            for m in answer.matches
+        ]
+        bracket = self._brackets[int(np.searchsorted(FROM_METRES, self._travelled, side="right")) - 1]
+        for tally in (bracket, self._total):
+            tally.queries += 1
+            tally.answered += bool(near)
+            if answer.status == "match":
+                tally.accepted += 1
+                tally.accepted_right += near[0]
+            for n in TOP:
+                tally.right[n] += any(near[:n])
+        return True
+
+    def rows(self, method: str) -> list[dict[str, object]]:
+        """One row for each distance bracket that has queries, and one for all.
+
+        ``answered``: share of queries with any match listed (an unanswered one counts as wrong);
+        ``accepted``: share with status ``match``; ``precision``: share of those that are right (null where none).
+        """
+        brackets = [(f"{start:g}m", b) for start, b in zip(FROM_METRES, self._brackets, strict=True)]
+        return [
+            {
+                "method": method,
+                "scope": scope,
+                "queries": b.queries,
+                "answered": b.answered / b.queries,
+                **{f"success@{n}": b.right[n] / b.queries for n in TOP},
+                "accepted": b.accepted / b.queries,
+                "precision": b.accepted_right / b.accepted if b.accepted else None,
+            }
+            for scope, b in [*brackets, ("all", self._total)]
+            if b.queries
+        ]

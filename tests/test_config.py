@@ -1,0 +1,31 @@
+"""Options have one source; a value out of range must be refused by name, not clipped or taken."""
+
+import pytest
+
+from semloc_core.config import LocaliserConfig, checked, options
+from semloc_core.errors import ConfigError
+
+
+def test_every_option_is_described_and_its_default_is_valid():
+    for option in options(LocaliserConfig):
+        assert option.description, option.name
+        checked(LocaliserConfig, **{option.name: option.default})
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("top_n", 0),
+        ("top_n", 101),
+        ("top_n", 2.5),
+        ("accept_probability", 1.01),
+        ("accept_probability", float("nan")),
+        ("explain_rate_hz", -1.0),
+        ("explainer", "oracle"),
+        ("max_update_bytes", 1),
+        ("no_such_option", 1),
+    ],
+)
+def test_out_of_range_is_refused(name, value):
+    with pytest.raises(ConfigError):
+        checked(LocaliserConfig, **{name: value})
