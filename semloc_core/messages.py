@@ -139,7 +139,10 @@ class Fidelity(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ClassAttributions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Out: how much each semantic class contributed to the top match, by falling share."""
+    """Out: how much each semantic class contributed to the top match, by falling share.
+
+    ``unattributed`` is what the method gave to no object (attention that places kept), null where it has no meaning.
+    """
 
     schema: Literal["semloc/class_attributions/1"]
     stamp_ns: Int64
@@ -153,6 +156,7 @@ class ClassAttributions(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     objects: list[ObjectAttribution]
     fidelity: Fidelity | None
     completeness_gap: float | None
+    unattributed: float | None = None
 
 
 class ExplainRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
