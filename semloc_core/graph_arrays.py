@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core.geodesic import edge_lengths
 from semloc_core.labelspace import Labelspace
 from semloc_core.scene_graph import SceneGraph
 
@@ -66,10 +67,8 @@ class GraphArrays:
         return len(self.object_ids)
 
     def edge_lengths(self) -> Floats:
-        """(E,) Euclidean lengths of the traversability edges, metres."""
-        a, b = self.place_edges
-        lengths: Floats = np.linalg.norm(self.place_positions[a] - self.place_positions[b], axis=1)
-        return lengths
+        """(E,) Euclidean lengths of the traversability edges, metres; the same bits as in a `SceneGraph`."""
+        return edge_lengths(self.place_positions, self.place_edges)
 
     def with_objects(self, keep: NDArray[np.bool_]) -> GraphArrays:
         """The same building with only the objects where ``keep`` (O,) is true."""
@@ -93,7 +92,10 @@ class GraphArrays:
         p_index = {p: i for i, p in enumerate(place_ids)}
         o_index = {o: i for i, o in enumerate(object_ids)}
         edges = sorted(
-            (p_index[a], p_index[b]) for a, row in graph.neighbours.items() for b in row if p_index[a] < p_index[b]
+            (p_index[a], p_index[b])
+            for a, row in graph.neighbours.items()
+            for b in row
+            if p_index[a] < p_index[b]
         )
         parents = sorted((o_index[o], p_index[p]) for o, places in graph.parents.items() for p in places)
         sightings = sorted((p_index[p], o_index[o]) for o, places in graph.sightings.items() for p in places)
@@ -104,7 +106,9 @@ class GraphArrays:
             place_edges=_columns(edges),
             object_ids=object_ids,
             object_positions=_rows([graph.objects[o].position for o in object_ids]),
-            object_classes=np.array([labelspace.index(graph.objects[o].class_) for o in object_ids], dtype=np.int64),
+            object_classes=np.array(
+                [labelspace.index(graph.objects[o].class_) for o in object_ids], dtype=np.int64
+            ),
             object_parents=_columns(parents),
             sightings=_columns(sightings),
         )
