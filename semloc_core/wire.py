@@ -186,7 +186,7 @@ def encode(message: msgspec.Struct) -> bytes:
 def _scalar(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
-    raise NotImplementedError(f"{type(value).__name__} in a message")
+    raise TypeError(f"a {type(value).__name__}")
 
 
 def _rounded(value: Any) -> Any:
