@@ -1,0 +1,28 @@
+"""Bags, in and out: rosbag2's layout on mcap. One place to import from."""
+
+from semloc_core.bag_reader import BagMessage, BagReader, read_messages
+from semloc_core.bag_writer import BagWriter, Compression
+from semloc_core.cdr import (
+    POINT_STAMPED,
+    STRING,
+    StampedPoint,
+    decode_point,
+    decode_string,
+    encode_point,
+    encode_string,
+)
+
+__all__ = [
+    "BagMessage",
+    "BagReader",
+    "BagWriter",
+    "Compression",
+    "POINT_STAMPED",
+    "STRING",
+    "StampedPoint",
+    "decode_point",
+    "decode_string",
+    "encode_point",
+    "encode_string",
+    "read_messages",
+]
