@@ -12,7 +12,13 @@ from semloc_core.cdr import (
     encode_string,
 )
 
+SCENE_GRAPH_TOPIC = "/scene_graph"
+GROUND_TRUTH_TOPIC = "/ground_truth"
+"""True positions of a run (geometry_msgs/PointStamped), for evaluation only."""
+
 __all__ = [
+    "GROUND_TRUTH_TOPIC",
+    "SCENE_GRAPH_TOPIC",
     "BagMessage",
     "BagReader",
     "BagWriter",

@@ -15,6 +15,7 @@ from typing import IO, Any, Literal, NamedTuple
 import yaml
 from mcap.writer import CompressionType, Writer
 
+from semloc_core.bag_reader import BagMessage
 from semloc_core.cdr import POINT_STAMPED, STRING, encode_point, encode_string
 from semloc_core.errors import BagError
 from semloc_core.wire import Position
@@ -110,15 +111,15 @@ class BagWriter:
         self._mcap.start(profile="ros2", library="semloc")
 
     def write(
-        self, topic: str, type_: str, data: bytes, stamp_ns: int, *, publish_ns: int | None = None
+        self, topic: str, type_: str, stamp_ns: int, data: bytes, *, publish_ns: int | None = None
     ) -> None:
         """Append one message.
 
         Args:
             topic: e.g. ``/scene_graph``.
             type_: a type that ROS 2 Jazzy ships, e.g. ``std_msgs/msg/String``.
-            data: the message as CDR.
             stamp_ns: when it was received (mcap's log time, what a player goes by), ns, not negative.
+            data: the message as CDR.
             publish_ns: when it was sent; by default the same.
 
         Raises:
@@ -141,13 +142,17 @@ class BagWriter:
         self._counts[topic] += 1
         self._start_ns, self._end_ns = min(self._start_ns, stamp_ns), max(self._end_ns, stamp_ns)
 
-    def write_string(self, topic: str, text: bytes | str, stamp_ns: int) -> None:
+    def write_string(self, topic: str, stamp_ns: int, text: bytes | str) -> None:
         """Append a std_msgs/String; see `write`."""
-        self.write(topic, STRING, encode_string(text), stamp_ns)
+        self.write(topic, STRING, stamp_ns, encode_string(text))
 
-    def write_point(self, topic: str, frame_id: str, position: Position, stamp_ns: int) -> None:
+    def write_point(self, topic: str, stamp_ns: int, frame_id: str, position: Position) -> None:
         """Append a geometry_msgs/PointStamped (m) whose header has the same stamp; see `write`."""
-        self.write(topic, POINT_STAMPED, encode_point(stamp_ns, frame_id, position), stamp_ns)
+        self.write(topic, POINT_STAMPED, stamp_ns, encode_point(stamp_ns, frame_id, position))
+
+    def write_raw(self, message: BagMessage) -> None:
+        """Append a message of another bag as it is; see `write`."""
+        self.write(message.topic, message.type, message.stamp_ns, message.data, publish_ns=message.publish_ns)
 
     def close(self) -> None:
         """Write index, footer and, in a folder, metadata.yaml. A second call does nothing.

@@ -38,8 +38,8 @@ START = b"\x89MCAP0\r\n"
 def write(path, compression="none", chunk_bytes=2048, messages=MESSAGES):
     with BagWriter(path, compression=compression, chunk_bytes=chunk_bytes) as bag:
         for stamp, text, position in messages:
-            bag.write_string("/scene_graph", text, stamp)
-            bag.write_point("/ground_truth", "map", position, stamp)
+            bag.write_string("/scene_graph", stamp, text)
+            bag.write_point("/ground_truth", stamp, "map", position)
     return path
 
 
@@ -240,7 +240,7 @@ def test_same_messages_give_the_same_bytes(tmp_path, compression):
 def test_a_killed_writer_leaves_its_chunks_readable(tmp_path, caplog):
     bag = BagWriter(tmp_path / "run.mcap", chunk_bytes=2048)
     for stamp, value, _ in MESSAGES:
-        bag.write_string("/s", value, stamp)
+        bag.write_string("/s", stamp, value)
     # Nothing was closed or flushed by hand: this is what another process, or this one's successor, sees.
     reader = BagReader(tmp_path / "run.mcap")
     with caplog.at_level(logging.WARNING, "semloc_core"):
@@ -254,10 +254,21 @@ def test_a_killed_writer_leaves_its_chunks_readable(tmp_path, caplog):
     assert len(list(read_messages(tmp_path / "run.mcap"))) == len(MESSAGES)
 
 
+def test_messages_are_copied_from_bag_to_bag_as_they_are(tmp_path):
+    source = write(tmp_path / "run.mcap")
+    with BagWriter(tmp_path / "copy.mcap", chunk_bytes=2048) as bag:
+        bag.write("/late", STRING, 9, encode_string("a"), publish_ns=4)
+        for message in read_messages(source):
+            bag.write_raw(message)
+    first, *rest = read_messages(tmp_path / "copy.mcap")
+    assert (first.stamp_ns, first.publish_ns) == (9, 4)
+    assert rest == list(read_messages(source))
+
+
 def test_an_error_in_the_with_block_still_closes_the_bag(tmp_path):
     def interrupted():
         with BagWriter(tmp_path / "run") as bag:
-            bag.write_string("/s", "a", 1)
+            bag.write_string("/s", 1, "a")
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -276,19 +287,19 @@ def test_bag_without_messages(tmp_path):
 
 def test_writer_refuses(tmp_path):
     bag = BagWriter(tmp_path / "run.mcap")
-    bag.write_string("/s", "a", 1)
+    bag.write_string("/s", 1, "a")
     with pytest.raises(BagError, match="2\\^63"):
-        bag.write_string("/s", "a", -1)
+        bag.write_string("/s", -1, "a")
     with pytest.raises(BagError, match="on /s as before"):
-        bag.write_point("/s", "map", (0.0, 0.0, 0.0), 1)
+        bag.write_point("/s", 1, "map", (0.0, 0.0, 0.0))
     with pytest.raises(BagError, match="a message type of ROS 2"):
-        bag.write("/t", "no_msgs/msg/Such", b"", 1)
+        bag.write("/t", "no_msgs/msg/Such", 1, b"")
     with pytest.raises(BagError, match="32-bit seconds"):
-        bag.write_point("/p", "map", (0.0, 0.0, 0.0), 2**62)
+        bag.write_point("/p", 2**62, "map", (0.0, 0.0, 0.0))
     bag.close()
     assert [m.topic for m in read_messages(tmp_path / "run.mcap")] == ["/s"]
     with pytest.raises(BagError, match="closed"):
-        bag.write_string("/s", "a", 2)
+        bag.write_string("/s", 2, "a")
     with pytest.raises(BagError, match="can be written"):
         BagWriter(tmp_path / "no" / "such" / "run.mcap")
     with pytest.raises(BagError, match="new or empty folder"):
@@ -302,7 +313,7 @@ def test_full_disk_is_one_line(tmp_path):
     (tmp_path / "run.mcap").symlink_to("/dev/full")
     bag = BagWriter(tmp_path / "run.mcap", chunk_bytes=10)
     with pytest.raises(BagError, match="room for a bag"):
-        bag.write_string("/s", "a" * 100, 1)
+        bag.write_string("/s", 1, "a" * 100)
     with pytest.raises(BagError, match="room for a bag"):
         bag.close()
 
@@ -382,7 +393,7 @@ def test_split_recording_is_read_in_the_order_of_its_metadata(tmp_path):
 def test_messages_out_of_order_are_given_as_written_and_counted(tmp_path):
     with BagWriter(tmp_path / "run.mcap") as bag:
         for stamp in (5, 3, 9, 8):
-            bag.write_string("/s", str(stamp), stamp)
+            bag.write_string("/s", stamp, str(stamp))
     reader = BagReader(tmp_path / "run.mcap")
     assert [m.stamp_ns for m in reader] == [5, 3, 9, 8]
     assert reader.unordered == 2
@@ -511,7 +522,7 @@ def test_flipped_bytes_give_messages_or_one_line(tmp_path, compression):
 def test_reading_holds_one_chunk_at_a_time(tmp_path):
     with BagWriter(tmp_path / "run.mcap", compression="zstd") as bag:
         for i in range(600):
-            bag.write_string("/s", f"{i:06d}" * 10_000, i)  # 36 MB in all
+            bag.write_string("/s", i, f"{i:06d}" * 10_000)  # 36 MB in all
     tracemalloc.start()
     try:
         assert sum(len(m.data) for m in read_messages(tmp_path / "run.mcap")) > 36_000_000
