@@ -108,5 +108,6 @@ class SumLayer(nn.Module):
         """
         # index_select and not x[source]: several times faster on one CPU thread
         summed = x.new_zeros(n_targets, x.shape[1]).index_add_(0, target, x.index_select(0, source))
-        y: Tensor = self.norm(torch.tanh(self.message(summed) + self.root(x[:n_targets])))
-        return y
+        y: Tensor = torch.addmm(self.message(summed), x[:n_targets], self.root.weight.t())
+        normed: Tensor = self.norm(torch.tanh(y))
+        return normed

@@ -16,6 +16,8 @@ from semloc_core.encoder.gatv2 import Attention, GATv2
 from semloc_core.encoder.layers import Linear, SumLayer, TrimmedEdges, trim
 from semloc_core.place_graph import Batch
 
+TINY = 1e-12  # a zero vector stays zero
+
 
 class PaperConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Options of the paper's encoder; the defaults are "our model" of its Table III, the ranges cover its rows.
@@ -101,9 +103,7 @@ class PaperEncoder(Encoder):
         shared = batch.n_roots > 1 and int(batch.graph[1]) == 0
         if attention is None or shared:
             return Encoded(embedding, None, None)
-        with torch.no_grad():
-            credit, self_share = roll_out(batch, edges, attention)
-        return Encoded(embedding, credit, self_share)
+        return Encoded(embedding, *roll_out(batch, edges, attention))
 
     def _pass(self, batch: Batch, edges: TrimmedEdges) -> tuple[Tensor, Attention | None]:
         self.check_batch(batch)
@@ -115,4 +115,5 @@ class PaperEncoder(Encoder):
         attention = None
         if self.gat is not None:
             x, attention = self.gat(x, *edges.reaching(0), batch.n_roots)
-        return F.normalize(self.embed(x), dim=1), attention
+        z: Tensor = self.embed(x)
+        return z / torch.linalg.vector_norm(z, dim=1, keepdim=True).clamp_min(TINY), attention

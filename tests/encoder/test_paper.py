@@ -165,6 +165,14 @@ def test_credit_is_the_attention_where_it_is_not_uniform() -> None:
     assert expected[1] != pytest.approx(expected[2], abs=1e-3)
 
 
+@pytest.mark.parametrize("self_loops", [True, False])
+@pytest.mark.parametrize("edges", [[], [("r", "p"), ("p", "q")]], ids=["isolated", "no object in reach"])
+def test_a_place_without_objects_keeps_all_credit_itself(
+    self_loops: bool, edges: list[tuple[str, str]]
+) -> None:
+    assert credits(uniform(PaperConfig(self_loops=self_loops)), {}, edges) == pytest.approx({"self": 1.0})
+
+
 @pytest.mark.parametrize("config", [c for c in CONFIGS if c.gat], ids=str)
 def test_credit_of_each_root_sums_to_one(config: PaperConfig) -> None:
     encoder = lived_in(config)
