@@ -35,6 +35,11 @@ class Extraction:
     hops: int
     radius_m: float
 
+    @property
+    def visibility_m(self) -> float:
+        """Radius up to which an online graph must keep track of who sees what; 0 where nobody asks, metres."""
+        return self.radius_m if self.kind == "ego" else 0.0
+
 
 @dataclass(frozen=True, eq=False)
 class Encoded:

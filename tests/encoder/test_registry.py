@@ -13,6 +13,7 @@ def test_every_encoder_is_built_from_its_defaults_from_plain_values_and_from_a_s
     assert build_encoder(name, {}, 5).config == encoder.config
     assert encoder.trainable == (name == "paper")
     assert encoder.extraction.radius_m > 0
+    assert encoder.extraction.visibility_m == (4.0 if name in ("paper", "bag_of_words", "tfidf") else 0.0)
 
 
 def test_names_are_the_agreed_ones() -> None:
