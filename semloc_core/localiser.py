@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
 from semloc_core.encoder.base import Encoded
@@ -159,12 +158,14 @@ class Localiser:
         if query.encoded is None:
             status: Status = "no_graph" if self.stream.graph is None or not len(self.map.place_ids) else "unknown"
             return Located(query, self._message(query, status), self.map)
-        similarities = self.map.embeddings @ query.encoded.embedding[0].numpy()
-        rows = _ranking(similarities, max(CANDIDATES, self.config.top_n))
+        z = query.encoded.embedding[0].numpy()
+        rows, ranked = self.map.search(z, max(CANDIDATES, self.config.top_n))
+        similarity = dict(zip(rows.tolist(), ranked.tolist(), strict=True))
         shown = rows[: self.config.top_n]
         separate = modes(rows, self._index.within)
         asked = np.concatenate([shown, np.array(separate, dtype=np.int64)])
-        chances = place_probabilities(similarities, self.map.model.temperature, asked, self._index.within)
+        everywhere = self.map.embeddings @ z
+        chances = place_probabilities(everywhere, self.map.model.temperature, asked, self._index.within)
         probability = dict(zip(asked.tolist(), chances.tolist(), strict=True))
         best = int(rows[0])
         accepted = probability[best] >= self.config.accept_probability
@@ -174,8 +175,8 @@ class Localiser:
         message = self._message(
             query,
             "match" if accepted else "ambiguous",
-            matches=[self._match(i + 1, int(r), similarities, probability) for i, r in enumerate(shown)],
-            rivals=[self._match(i + 1, r, similarities, probability) for i, r in enumerate(rivals)],
+            matches=[self._match(i + 1, int(r), similarity, probability) for i, r in enumerate(shown)],
+            rivals=[self._match(i + 1, r, similarity, probability) for i, r in enumerate(rivals)],
         )
         return Located(query, message, self.map, best)
 
@@ -248,14 +249,14 @@ class Localiser:
 
     # -- messages ----------------------------------------------------------------------------------------------
 
-    def _match(self, rank: int, row: int, similarities: NDArray[np.float32], probability: dict[int, float]) -> Match:
+    def _match(self, rank: int, row: int, similarity: dict[int, float], probability: dict[int, float]) -> Match:
         x, y, z = self.map.positions[row].tolist()
         return Match(
             rank=rank,
             map=self.map.buildings[int(self.map.building_index[row])],
             place=self.map.place_ids[row],
             position=(x, y, z),
-            similarity=float(similarities[row]),
+            similarity=similarity[row],
             probability=probability[row],
         )
 
@@ -286,12 +287,3 @@ class Localiser:
 
 def _because(query: Query, reason: str) -> Query:
     return Query(query.stamp_ns, query.seq, query.place, reason=reason)
-
-
-def _ranking(similarities: NDArray[np.float32], k: int) -> NDArray[np.int64]:
-    """Rows of the k largest similarities, falling; equal ones by row."""
-    if k < len(similarities):
-        candidates = np.flatnonzero(similarities >= np.partition(similarities, -k)[-k])
-    else:
-        candidates = np.arange(len(similarities))
-    return candidates[np.lexsort((candidates, -similarities[candidates]))][:k].astype(np.int64)

@@ -33,7 +33,8 @@ def simulate(
     """
     import numpy as np
 
-    from semloc_core.simulate import SimulationConfig, simulate_traversal, write_run
+    from semloc_core.run import write_run
+    from semloc_core.simulate import SimulationConfig, simulate_traversal
 
     file = read_graph(graph, pick_labelspace(labelspace))
     config = SimulationConfig.of(

@@ -68,7 +68,7 @@ def read_graph(path: Path, labelspace: Labelspace | None) -> HydraFile:
 def read_graph_or_run(path: Path, labelspace: Labelspace) -> SceneGraph:
     """Read a GRAPH, or a RUN to its end."""
     if is_run(path):
-        from semloc_core.simulate import graph_at_end
+        from semloc_core.run import graph_at_end
 
         return graph_at_end(path)
     return read_graph(path, labelspace).graph

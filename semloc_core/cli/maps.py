@@ -53,7 +53,7 @@ def _put(database: MapDatabase, model: Model, path: Path, name: str, replace: bo
         raise MapError(f"expected a graph with places (got {path}, which has none)")
     arrays = GraphArrays.from_scene_graph(graph, model.labelspace, name)
     put = database.replace_building if replace else database.add_building
-    put(name, graph, arrays.place_ids, arrays.place_positions, embed_graph(model, arrays))
+    put(name, graph, arrays.place_ids, arrays.place_positions, embed_graph(model, arrays), source=path.name)
     return arrays.n_places
 
 
@@ -69,11 +69,19 @@ def build(
     from semloc_core.map_database import MapDatabase
     from semloc_core.model import Model
 
+    if output.exists() and not force:
+        raise MapError(f"expected a new file, or --force to replace one (got {output}, which exists)")
     names, loaded, places = _names(inputs, name), Model.load(model), 0
-    with MapDatabase.build(output, loaded, replace=force) as database, progress("embedding places") as bar:
-        for i, (path, building) in enumerate(zip(inputs, names, strict=True)):
-            bar(i, len(inputs), building)
-            places += _put(database, loaded, path, building, replace=False)
+    unfinished = output.with_name(f".{output.name}.unfinished")
+    unfinished.unlink(missing_ok=True)
+    try:
+        with MapDatabase.create(unfinished, loaded) as database, progress("embedding places") as bar:
+            for i, (path, building) in enumerate(zip(inputs, names, strict=True)):
+                bar(i, len(inputs), building)
+                places += _put(database, loaded, path, building, replace=False)
+        unfinished.replace(output)
+    finally:
+        unfinished.unlink(missing_ok=True)
     console.print(f"{output}: {places} places in {len(inputs)} building{'s' if len(inputs) != 1 else ''}")
 
 
@@ -83,15 +91,19 @@ def info(map_file: MapFile, json_file: Json = None) -> None:
     from semloc_core.map_database import describe
 
     facts = describe(map_file)
-    rows = [{"method": facts["model"]["name"], "scope": b["name"], **_counts(b)} for b in facts["buildings"]]
-    console.print(f"map {map_file}: format {facts['format']}, hash {facts['hash']}")
-    console.print(f"model {facts['model']['name']} {facts['model']['hash'][:12]}, {facts['model']['config']}")
-    console.print(f"labelspace {facts['labelspace']['name']}: {', '.join(facts['labelspace']['classes'])}")
+    model, space = facts["model"], facts["labelspace"]
+    console.print(f"map {facts['name']}: {facts['places']} places, {facts['bytes']} bytes, hash {facts['hash']}")
+    config = ", ".join(f"{key} {value}" for key, value in model["config"].items())
+    console.print(f"model {model['name']} {model['hash'][:12]}: {facts['dimension']} numbers a place; {config}")
+    console.print(f"labelspace {space['name']} {space['hash'][:12]}: {space['classes']} classes")
+    rows = [
+        {"method": model["name"], "scope": b["name"], "places": b["places"], "objects": b["objects"]}
+        for b in facts["buildings"]
+    ]
     show("map info", 0, [map_file], rows, json_file, title="buildings")
-
-
-def _counts(building: dict[str, object]) -> dict[str, object]:
-    return {key: building[key] for key in ("places", "objects")}
+    for building in facts["buildings"]:
+        classes = ", ".join(f"{name} {count}" for name, count in building["classes"].items())
+        console.print(f"{building['name']}: {classes or 'no objects'}")
 
 
 @app.command("add")
@@ -107,11 +119,13 @@ def replace(map_file: MapFile, inputs: Inputs, name: Name = None) -> None:
 
 
 def _change(map_file: Path, inputs: list[Path], name: str | None, replace: bool) -> None:
-    from semloc_core.map_database import MapDatabase
+    from semloc_core.map_database import MapDatabase, load
 
-    with MapDatabase.open(map_file) as database:
+    model = load(map_file).model
+    with MapDatabase.open(map_file) as database, database.transaction():
+        database.require(model.hash, model.labelspace.hash)
         for path, building in zip(inputs, _names(inputs, name), strict=True):
-            places = _put(database, database.model, path, building, replace)
+            places = _put(database, model, path, building, replace)
             console.print(f"{building}: {places} places {'replaced' if replace else 'added'}")
 
 

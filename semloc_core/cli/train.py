@@ -45,10 +45,13 @@ def train(
     Self-supervised: perturbed variants of a graph give pairs of the same place (paper, section IV). Nothing but the
     graphs is needed; the labelspace is taken from the files unless --labelspace names another.
     """
+    from semloc_core.config import checked
     from semloc_core.graph_arrays import GraphArrays
     from semloc_core.labelspace import count_unknown, union
-    from semloc_core.training import TrainConfig, plot_curve
-    from semloc_core.training import train as run_training
+    from semloc_core.training.config import TrainConfig
+    from semloc_core.training.curve import plot_curve
+    from semloc_core.training.loop import Report
+    from semloc_core.training.loop import train as run_training
 
     chosen = pick_labelspace(labelspace)
     files = [read_graph(path, chosen) for path in graphs]
@@ -58,7 +61,8 @@ def train(
     arrays = [
         GraphArrays.from_scene_graph(f.graph, space, building_name(p)) for p, f in zip(graphs, files, strict=True)
     ]
-    config = TrainConfig.of(
+    config = checked(
+        TrainConfig,
         loss=loss,
         encoder=encoder,
         encoder_options=(
@@ -71,7 +75,12 @@ def train(
         **({"max_seconds": max_seconds} if max_seconds is not None else {}),
     )
     with progress(f"training {encoder}") as bar:
-        result = run_training(arrays, space, config, progress=bar, state=resume)
+
+        def on_step(report: Report) -> None:
+            bar(report.step, report.steps, f"loss {report.train_loss:.3f}, validation PR-AUC {report.val_pr_auc:.3f}")
+
+        resumed = resume if resume is not None and resume.exists() else None
+        result = run_training(arrays, space, config, progress=on_step, resume=resumed, checkpoint=resume)
     result.model.save(output)
     if curve is not None:
         if result.history:
@@ -79,5 +88,6 @@ def train(
         else:
             note(f"{encoder} has nothing to train, so there is no curve")
     console.print(f"{output}: {encoder}, {len(space)} classes, hash {result.model.hash[:12]}")
-    for line in result.summary():
-        console.print(line)
+    if result.history:
+        best = max(row["val_pr_auc"] for row in result.history)
+        console.print(f"validation PR-AUC {best:.3f} at step {result.best_step} (stopped: {result.stopped})")
