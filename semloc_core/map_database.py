@@ -1,0 +1,343 @@
+"""The map database: one SQLite file with places, embeddings, scene graphs and the model that made the embeddings.
+
+Several buildings live in one file, each in its own frame. Every change is a transaction: it is there whole or not
+at all, also after a kill or on a full disk. A map is bound to its model and labelspace by content hashes. How the
+file is opened, locked and left behind: `semloc_core.map_schema`. What localisation reads: `LoadedMap`.
+"""
+
+from __future__ import annotations
+
+import logging
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Unpack
+
+from numpy.typing import ArrayLike
+
+from semloc_core.errors import MapError
+from semloc_core.map_info import describe
+from semloc_core.map_loaded import LoadedMap, load
+from semloc_core.map_meta import MapMeta, check_hash, read_meta, seal, write_model
+from semloc_core.map_records import (
+    Note,
+    PlaceRows,
+    building_key,
+    building_names,
+    check_name,
+    check_places,
+    pack_graph,
+    read_graph,
+    read_places,
+)
+from semloc_core.map_schema import close_writer, connect_to_write, create_file, map_errors
+from semloc_core.model import Model
+from semloc_core.scene_graph import SceneGraph
+
+__all__ = ["LoadedMap", "MapDatabase", "describe", "load"]
+
+logger = logging.getLogger(__name__)
+
+_INSERT = "INSERT INTO place (building, id, x, y, z, embedding) VALUES (?, ?, ?, ?, ?, ?)"
+
+
+class MapDatabase:
+    """A map file open for changes; use it as a context manager. To localise, `load` is enough."""
+
+    def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
+        self.path = path
+        self._connection = connection
+        self._depth = 0
+
+    @classmethod
+    def create(cls, path: str | Path, model: Model, *, exist_ok: bool = False) -> MapDatabase:
+        """Make a map without buildings, and open it.
+
+        Args:
+            path: the file to make; a process killed meanwhile leaves nothing under this name.
+            model: what makes the embeddings.
+            exist_ok: open a map that is there already, if it is of the same model.
+
+        Raises:
+            MapError: something else is there, or it can't be written.
+
+        """
+        path = Path(path)
+        if exist_ok and path.exists():
+            database = cls.open(path)
+            try:
+                database.require(model.hash, model.labelspace.hash)
+            except BaseException:
+                database.close()
+                raise
+            return database
+        create_file(path, lambda connection: write_model(connection, model, generation=0))
+        return cls.open(path)
+
+    @classmethod
+    def open(cls, path: str | Path) -> MapDatabase:
+        """Open a map to change it; an older format is migrated.
+
+        Raises:
+            MapError: not a map, damaged, of a newer format, or not to be written.
+
+        """
+        return cls(Path(path), connect_to_write(Path(path)))
+
+    def close(self) -> None:
+        """Close; the last process to do so leaves one file."""
+        close_writer(self._connection)
+
+    def __enter__(self) -> MapDatabase:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def meta(self) -> MapMeta:
+        """What the map says of itself: hashes and names of model and labelspace, content hash, generation."""
+        with map_errors(self.path):
+            return read_meta(self._connection)
+
+    @property
+    def buildings(self) -> tuple[str, ...]:
+        """Names of the buildings, sorted."""
+        with map_errors(self.path):
+            return building_names(self._connection)
+
+    def require(self, model_hash: str | None = None, labelspace_hash: str | None = None) -> None:
+        """Refuse a map of another model or labelspace; MapError names both sides."""
+        meta = self.meta
+        check_hash("model", model_hash, meta.model_hash, meta.model_name, self.path.stem)
+        check_hash("labelspace", labelspace_hash, meta.labelspace_hash, meta.labelspace_name, self.path.stem)
+
+    @contextmanager
+    def transaction(self) -> Iterator[None]:
+        """Several changes as one: all of them are committed at the end, or none if an exception leaves the block."""
+        connection, outermost = self._connection, self._depth == 0
+        if not outermost and not connection.in_transaction:
+            raise MapError(f"expected a running transaction (got one that failed before: {self.path})")
+        with map_errors(self.path):
+            connection.execute("BEGIN IMMEDIATE" if outermost else "SAVEPOINT step")
+        self._depth += 1
+        try:
+            yield
+            with map_errors(self.path):
+                if outermost:
+                    seal(connection)
+                connection.execute("COMMIT" if outermost else "RELEASE step")
+        except BaseException:
+            if connection.in_transaction:  # a full disk rolls back by itself
+                for command in ("ROLLBACK",) if outermost else ("ROLLBACK TO step", "RELEASE step"):
+                    connection.execute(command)
+            raise
+        finally:
+            self._depth -= 1
+
+    @contextmanager
+    def _change(self) -> Iterator[sqlite3.Connection]:
+        with self.transaction(), map_errors(self.path):
+            yield self._connection
+
+    def add_building(
+        self,
+        name: str,
+        graph: SceneGraph,
+        place_ids: Sequence[str],
+        positions: ArrayLike,
+        embeddings: ArrayLike,
+        **note: Unpack[Note],
+    ) -> None:
+        """Add a building.
+
+        Args:
+            name: unique in the map.
+            graph: the scene graph that the places belong to; kept for explanations.
+            place_ids: P places of it, at least one.
+            positions: (P, 3) metres, in the building's frame.
+            embeddings: (P, D).
+            **note: ``source``, ``frame_id``, ``stamp_ns``: see `Note`.
+
+        Raises:
+            MapError: the name is taken, or something does not fit; the map is as it was.
+
+        """
+        source, frame_id, stamp_ns = note.get("source", ""), note.get("frame_id", "map"), note.get("stamp_ns")
+        check_name("a building name", name)
+        check_name("a frame", frame_id)
+        if source:
+            check_name("a source", source)
+        if stamp_ns is not None and not -(2**63) <= stamp_ns < 2**63:
+            raise MapError(f"expected a signed 64-bit stamp (got {stamp_ns})")
+        packed = pack_graph(graph, frame_id)
+        with self._change() as connection:
+            places = check_places(place_ids, positions, embeddings, self.meta.dimension)
+            _check_in_graph(graph, places.ids)
+            if name in self.buildings:
+                raise MapError(f"expected a building that the map does not have (got {name!r})")
+            cursor = connection.execute(
+                "INSERT INTO building (name, source, frame_id, stamp_ns, graph_digest, graph_bytes, graph) "
+                "VALUES (?, ?, ?, ?, ?, ?, ?)",
+                (name, source, frame_id, stamp_ns, packed.digest, packed.size, packed.data),
+            )
+            assert cursor.lastrowid is not None
+            connection.executemany(_INSERT, places.rows(cursor.lastrowid))
+        logger.info("%s: building %s added, %d places", self.path, name, len(places.ids))
+
+    def remove_building(self, name: str) -> None:
+        """Remove a building and all its places; MapError where the map does not have it."""
+        with self._change() as connection:
+            key = building_key(connection, name)
+            connection.execute("DELETE FROM place WHERE building = ?", (key,))
+            connection.execute("DELETE FROM building WHERE id = ?", (key,))
+
+    def replace_building(
+        self,
+        name: str,
+        graph: SceneGraph,
+        place_ids: Sequence[str],
+        positions: ArrayLike,
+        embeddings: ArrayLike,
+        **note: Unpack[Note],
+    ) -> None:
+        """Put a building in place of the one of that name; arguments and errors as for `add_building`."""
+        with self.transaction():
+            self.remove_building(name)
+            self.add_building(name, graph, place_ids, positions, embeddings, **note)
+
+    def add_places(
+        self,
+        building: str,
+        place_ids: Sequence[str],
+        positions: ArrayLike,
+        embeddings: ArrayLike,
+        *,
+        graph: SceneGraph | None = None,
+    ) -> None:
+        """Add places to a building.
+
+        Args:
+            building: a building of the map.
+            place_ids: P new places.
+            positions: (P, 3) metres, in the building's frame.
+            embeddings: (P, D).
+            graph: the building's scene graph from now on, where the one stored does not have the places.
+
+        Raises:
+            MapError: a place that is there already, or that the scene graph lacks; an unknown building;
+                numbers that do not fit. The map is as it was.
+
+        """
+        self._put_places(building, place_ids, positions, embeddings, graph, replace=False)
+
+    def replace_places(
+        self,
+        building: str,
+        place_ids: Sequence[str],
+        positions: ArrayLike,
+        embeddings: ArrayLike,
+        *,
+        graph: SceneGraph | None = None,
+    ) -> None:
+        """Like `add_places`, but places that are there already get the new position and embedding."""
+        self._put_places(building, place_ids, positions, embeddings, graph, replace=True)
+
+    def remove_places(self, building: str, place_ids: Sequence[str], *, graph: SceneGraph | None = None) -> None:
+        """Remove some of a building's places, and store the scene graph without them where it is given.
+
+        Raises:
+            MapError: an unknown building or place, a place twice, or no place would be left.
+
+        """
+        if len(set(place_ids)) != len(place_ids):
+            raise MapError("expected each place once (got one twice)")
+        with self._change() as connection:
+            key = building_key(connection, building)
+            for id_ in place_ids:
+                deleted = connection.execute("DELETE FROM place WHERE building = ? AND id = ?", (key, id_))
+                if deleted.rowcount != 1:
+                    raise MapError(f"expected a place of building {building!r} (got {id_!r}, which it does not have)")
+            self._touch(key, graph)
+
+    def rebuild(self, model: Model, embeddings: Mapping[str, ArrayLike]) -> None:
+        """Put another model in and replace every embedding, in one transaction.
+
+        Args:
+            model: the new model.
+            embeddings: for each building of the map (P, D) in the order of its place ids (rising).
+
+        Raises:
+            MapError: a building is missing or unknown, or numbers do not fit. The map is as it was.
+
+        """
+        with self._change() as connection:
+            if sorted(embeddings) != list(self.buildings):
+                raise MapError(f"expected embeddings of {list(self.buildings)} (got {sorted(embeddings)})")
+            old = {name: self._places(name) for name in self.buildings}
+            write_model(connection, model, self.meta.generation)
+            for name, places in old.items():
+                key = building_key(connection, name)
+                fresh = check_places(places.ids, places.positions, embeddings[name], model.encoder.dimension)
+                connection.execute("DELETE FROM place WHERE building = ?", (key,))
+                connection.executemany(_INSERT, fresh.rows(key))
+                self._touch(key)
+
+    def reset(self, model: Model) -> None:
+        """Remove every building and put a model in, to build the map anew: meant for inside a `transaction`."""
+        with self._change() as connection:
+            connection.execute("DELETE FROM place")
+            connection.execute("DELETE FROM building")
+            write_model(connection, model, self.meta.generation)
+
+    def place_ids(self, building: str) -> tuple[str, ...]:
+        """A building's places, by rising id."""
+        with map_errors(self.path):
+            return self._places(building).ids
+
+    def graph(self, building: str) -> SceneGraph:
+        """The scene graph of a building."""
+        with map_errors(self.path):
+            return read_graph(self._connection, building_key(self._connection, building))
+
+    def _put_places(
+        self,
+        building: str,
+        place_ids: Sequence[str],
+        positions: ArrayLike,
+        embeddings: ArrayLike,
+        graph: SceneGraph | None,
+        replace: bool,
+    ) -> None:
+        with self._change() as connection:
+            places = check_places(place_ids, positions, embeddings, self.meta.dimension)
+            key = building_key(connection, building)
+            there = set(self._places(building).ids) & set(places.ids)
+            if there and not replace:
+                raise MapError(f"expected places that {building!r} does not have (got {min(there)!r})")
+            connection.executemany(_INSERT.replace("INSERT", "INSERT OR REPLACE"), places.rows(key))
+            self._touch(key, graph)
+            _check_in_graph(read_graph(connection, key), places.ids)
+
+    def _touch(self, key: int, graph: SceneGraph | None = None) -> None:
+        """Mark a building as changed, so that its digest is made anew; store its new scene graph."""
+        self._connection.execute("UPDATE building SET digest = NULL WHERE id = ?", (key,))
+        if graph is None:
+            return
+        name, frame_id = self._connection.execute("SELECT name, frame_id FROM building WHERE id = ?", (key,)).fetchone()
+        _check_in_graph(graph, self._places(name).ids)
+        packed = pack_graph(graph, frame_id)
+        self._connection.execute(
+            "UPDATE building SET graph_digest = ?, graph_bytes = ?, graph = ? WHERE id = ?",
+            (packed.digest, packed.size, packed.data, key),
+        )
+
+    def _places(self, building: str) -> PlaceRows:
+        return read_places(self._connection, building_key(self._connection, building), self.meta.dimension)
+
+
+def _check_in_graph(graph: SceneGraph, place_ids: Sequence[str]) -> None:
+    for id_ in place_ids:
+        if id_ not in graph.places:
+            raise MapError(f"expected places of the building's scene graph (got {id_!r}, which it does not have)")

@@ -1,0 +1,209 @@
+"""A map in memory: all that localisation reads, in one matrix, with no tie to the file it came from."""
+
+from __future__ import annotations
+
+import sqlite3
+from bisect import bisect_left
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from semloc_core.errors import MapError
+from semloc_core.map_meta import check_hash, read_meta, read_model
+from semloc_core.map_records import (
+    PackedGraph,
+    PlaceRows,
+    building_digest,
+    building_names,
+    content_hash,
+    read_places,
+    unpack_graph,
+)
+from semloc_core.map_schema import read
+from semloc_core.map_search import ExactSearch
+from semloc_core.model import Model
+from semloc_core.scene_graph import SceneGraph
+
+
+@dataclass(frozen=True)
+class StoredBuilding:
+    """One building: the note on its source, its frame, when it was made (ns, or None), its packed scene graph."""
+
+    name: str
+    source: str
+    frame_id: str
+    stamp_ns: int | None
+    n_places: int
+    graph: PackedGraph
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedMap:
+    """All places of all buildings, buildings by name and places by id within each.
+
+    Args:
+        name: the file's stem.
+        hash: sha256 (hex) of the content: model, labelspace, names, ids, positions, embeddings, scene graphs.
+        model: what made the embeddings.
+        buildings: their names.
+        place_ids: M ids, unique within a building.
+        positions: (M, 3) float64, metres, each in its building's frame.
+        building_index: (M,) int32 into ``buildings``.
+        embeddings: (M, D) float32, C-contiguous.
+        stored: what the file holds of each building besides places; empty for a map that no file holds.
+
+    """
+
+    name: str
+    hash: str
+    model: Model
+    buildings: tuple[str, ...]
+    place_ids: tuple[str, ...]
+    positions: NDArray[np.float64]
+    building_index: NDArray[np.int32]
+    embeddings: NDArray[np.float32]
+    stored: tuple[StoredBuilding, ...] = ()
+
+    def __post_init__(self) -> None:
+        rows = len(self.place_ids)
+        assert self.positions.shape == (rows, 3), self.positions.shape
+        assert self.building_index.shape == (rows,), self.building_index.shape
+        assert self.building_index.dtype == np.int32, self.building_index.dtype
+        assert self.embeddings.shape[0] == rows, self.embeddings.shape
+        assert self.embeddings.dtype == np.float32, self.embeddings.dtype
+        assert self.embeddings.flags.c_contiguous
+
+    @property
+    def n_places(self) -> int:
+        """M."""
+        return len(self.place_ids)
+
+    @cached_property
+    def index(self) -> ExactSearch:
+        """Search over the embeddings."""
+        return ExactSearch(self.embeddings)
+
+    def search(
+        self, z: ArrayLike, k: int, buildings: Collection[str] | None = None
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """The k most similar places: rows and similarities by falling similarity, ties by rising row.
+
+        Args:
+            z: (D,) one query, or (B, D) several.
+            k: how many at most.
+            buildings: search these only.
+
+        Returns:
+            Rows (K,) or (B, K) and similarities of the same shape.
+
+        Raises:
+            MapError: a query that does not fit the map, or an unknown building.
+
+        """
+        if buildings is None:
+            return self.index.search(z, k)
+        mask = np.zeros(self.n_places, dtype=np.bool_)
+        for building in buildings:
+            mask[self.rows_of(building)] = True
+        return self.index.search(z, k, mask)
+
+    def rows_of(self, building: str) -> slice:
+        """The rows of a building's places."""
+        number = self._number(building)
+        start, stop = np.searchsorted(self.building_index, [number, number + 1])
+        return slice(int(start), int(stop))
+
+    def row(self, building: str, place_id: str) -> int:
+        """The row of one place; MapError where the map does not have it."""
+        rows = self.rows_of(building)
+        found = bisect_left(self.place_ids, place_id, rows.start, rows.stop)
+        if found == rows.stop or self.place_ids[found] != place_id:
+            raise MapError(f"expected a place of building {building!r} (got {place_id!r}, which it does not have)")
+        return found
+
+    def graph(self, building: str) -> SceneGraph:
+        """The scene graph that a building's places come from: unpacked at each call, as it was at loading."""
+        number = self._number(building)
+        if number >= len(self.stored):
+            raise MapError(f"expected a map loaded from a file (got {self.name!r}, which holds no scene graphs)")
+        return unpack_graph(self.stored[number].graph)
+
+    def frame_id(self, building: str) -> str:
+        """The frame of a building's positions; empty where no file says it."""
+        number = self._number(building)
+        return self.stored[number].frame_id if number < len(self.stored) else ""
+
+    def require(self, model_hash: str | None = None, labelspace_hash: str | None = None) -> None:
+        """Refuse a map of another model or labelspace than the caller has.
+
+        Raises:
+            MapError: names both sides.
+
+        """
+        labelspace = self.model.labelspace
+        check_hash("model", model_hash, self.model.hash, self.model.encoder.name, self.name)
+        check_hash("labelspace", labelspace_hash, labelspace.hash, labelspace.name, self.name)
+
+    def _number(self, building: str) -> int:
+        found = bisect_left(self.buildings, building)
+        if found == len(self.buildings) or self.buildings[found] != building:
+            known = ", ".join(self.buildings[:8]) + (", …" if len(self.buildings) > 8 else "")
+            raise MapError(f"expected one of the map's buildings: {known or 'none'} (got {building!r})")
+        return found
+
+
+def load(path: str | Path) -> LoadedMap:
+    """Open a map file, read one committed state of it, and close it.
+
+    Raises:
+        MapError: not a map, damaged, or of another format.
+
+    """
+    path = Path(path)
+    return read(path, lambda connection: read_map(connection, path.stem))
+
+
+def read_building(connection: sqlite3.Connection, name: str, dimension: int) -> tuple[StoredBuilding, PlaceRows, str]:
+    """Read one building, its places and its digest, and check that they are what was committed."""
+    row = connection.execute(
+        "SELECT id, source, frame_id, stamp_ns, digest, graph_digest, graph_bytes, graph FROM building WHERE name = ?",
+        (name,),
+    ).fetchone()
+    key, source, frame_id, stamp_ns, digest, graph_digest, graph_bytes, data = row
+    if not isinstance(data, bytes) or not isinstance(graph_bytes, int):
+        raise MapError(f"expected a scene graph of building {name!r} (got none: the map is damaged)")
+    places = read_places(connection, key, dimension)
+    if not places.ids or building_digest(places, frame_id, graph_digest) != digest:
+        raise MapError(f"expected building {name!r} as it was committed (got other content: the map is damaged)")
+    packed = PackedGraph(graph_digest, graph_bytes, data)
+    return StoredBuilding(name, source, frame_id, stamp_ns, len(places.ids), packed), places, digest
+
+
+def read_map(connection: sqlite3.Connection, name: str) -> LoadedMap:
+    """Read a whole map inside the caller's transaction."""
+    meta = read_meta(connection)
+    model = read_model(connection, meta)
+    names = building_names(connection)
+    read_in = [read_building(connection, each, meta.dimension) for each in names]
+    found = content_hash(meta.model_hash, meta.labelspace_hash, ((b.name, digest) for b, _, digest in read_in))
+    if found != meta.content_hash:
+        raise MapError(f"expected content {meta.content_hash[:12]} (got {found[:12]}: the map is damaged)")
+    all_places = [places for _, places, _ in read_in]
+    counts = [len(places.ids) for places in all_places]
+    return LoadedMap(
+        name=name,
+        hash=found,
+        model=model,
+        buildings=names,
+        place_ids=tuple(id_ for places in all_places for id_ in places.ids),
+        positions=np.concatenate([np.zeros((0, 3)), *(places.positions for places in all_places)]),
+        building_index=np.repeat(np.arange(len(names), dtype=np.int32), counts),
+        embeddings=np.concatenate(
+            [np.zeros((0, meta.dimension), dtype=np.float32), *(places.embeddings for places in all_places)]
+        ),
+        stored=tuple(building for building, _, _ in read_in),
+    )

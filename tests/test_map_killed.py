@@ -1,0 +1,143 @@
+"""SIGKILL at any moment: the map opens with the last committed state, and with all that was reported committed."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sqlite3
+import sys
+import time
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+from map_cases import Building, make_building, make_map, make_model
+
+from semloc_core.map_database import LoadedMap, MapDatabase, load
+from semloc_core.model import Model
+
+ROUNDS = 40
+PLACES = 150
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL and fork")
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return make_model()
+
+
+def run_and_kill(work: Callable[[int], None], seconds: float) -> list[str]:
+    """Run ``work`` in a child that reports on a pipe, kill it some time after it begins; what it reported."""
+    reports, end = os.pipe()
+    # Forked, so that a round costs milliseconds: a fresh interpreter would spend seconds on imports.
+    child = multiprocessing.get_context("fork").Process(target=work, args=(end,))
+    child.start()
+    os.close(end)
+    assert os.read(reports, 1) == b"\n"  # it has begun
+    time.sleep(seconds)
+    assert child.pid is not None
+    os.kill(child.pid, signal.SIGKILL)
+    child.join()
+    with os.fdopen(reports) as file:
+        said = file.read()
+    assert child.exitcode == -signal.SIGKILL, "the work ended or failed before it could be killed"
+    return said.splitlines()
+
+
+def which_variant(loaded: LoadedMap, name: str, variants: list[Building]) -> int:
+    """Which of the variants a building is, whole; -1 for none."""
+    rows = loaded.rows_of(name)
+    for i, (_, ids, positions, embeddings) in enumerate(variants):
+        if (
+            list(loaded.place_ids[rows]) == ids
+            and np.array_equal(loaded.positions[rows], positions)
+            and np.array_equal(loaded.embeddings[rows], embeddings)
+        ):
+            return i
+    return -1
+
+
+def test_killed_while_changing_buildings(tmp_path: Path, model: Model) -> None:
+    """Adds, replaces and removes in a loop; each is reported after its commit."""
+    path = make_map(tmp_path / "site.map", model)
+    variants: list[Building] = [make_building(model, PLACES, seed) for seed in (1, 2)]
+    rng = np.random.default_rng(0)
+    committed: dict[str, int] = {}
+
+    def apply(state: dict[str, int], change: str) -> None:
+        verb, name, variant = change.split()
+        if verb == "remove":
+            del state[name]
+        else:
+            state[name] = int(variant)
+
+    def changes(first: int) -> list[str]:
+        steps = []
+        for i in range(first, first + 200):
+            steps += [f"add {i} 0", f"replace {i} 1"] + ([f"remove {i} 0"] if i % 2 else [])
+        return steps
+
+    interrupted = 0
+    for n in range(ROUNDS):
+        plan = changes(1000 * n)
+
+        def work(end: int, plan: list[str] = plan) -> None:
+            with MapDatabase.open(path) as database:
+                os.write(end, b"\n")
+                for change in plan:
+                    verb, name, variant = change.split()
+                    if verb == "remove":
+                        database.remove_building(name)
+                    else:
+                        put = database.add_building if verb == "add" else database.replace_building
+                        put(name, *variants[int(variant)])
+                    os.write(end, f"{change}\n".encode())
+
+        reported = run_and_kill(work, float(rng.uniform(0, 0.06)))
+        assert reported == plan[: len(reported)]
+        for change in reported:
+            apply(committed, change)
+        # The change under way when the signal came may have been committed before it could be reported.
+        possible = dict(committed)
+        apply(possible, plan[len(reported)])
+        interrupted += Path(f"{path}-wal").exists()
+
+        loaded = load(path)
+        found = {name: which_variant(loaded, name, variants) for name in set(loaded.buildings) - {"a", "b"}}
+        assert found in (committed, possible)
+        committed = found
+        with closing(sqlite3.connect(path)) as connection:
+            assert connection.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+        assert [each.name for each in tmp_path.iterdir()] == [path.name]
+    assert interrupted > ROUNDS // 2, "the kills came at rest"
+    assert len(committed) > ROUNDS // 4
+
+
+def test_killed_while_creating(tmp_path: Path, model: Model) -> None:
+    """Under its name there is a whole map or nothing, and the next attempt succeeds."""
+    rng = np.random.default_rng(1)
+    began = time.perf_counter()
+    make_map(tmp_path / "first.map", model)
+    usual = time.perf_counter() - began
+    seen = set()
+    for n in range(15):
+        path = tmp_path / f"{n}.map"
+
+        def work(end: int, path: Path = path) -> None:
+            os.write(end, b"\n")
+            make_map(path, model)
+            time.sleep(60)
+
+        run_and_kill(work, float(rng.uniform(0, 0.5)) * usual if n % 5 else 4 * usual)
+        seen.add(path.exists())
+        if path.exists():
+            assert load(path).buildings in ((), ("b",), ("a", "b"))
+            path.unlink()
+            for suffix in ("-wal", "-shm"):
+                Path(f"{path}{suffix}").unlink(missing_ok=True)
+        assert load(make_map(path, model)).buildings == ("a", "b")
+    assert seen == {True, False}
