@@ -103,7 +103,9 @@ class RingsEncoder(Encoder):
         product = _unit(_sqrt(counts)) * z_map.expand(batch.n_roots, -1).view_as(counts)
         per_count = torch.where(counts > 0, product / counts.clamp_min(torch.finfo(counts.dtype).tiny), 0.0)
         features = batch.features.index_select(0, source)
-        parts = torch.einsum("er,ec,erc->e", weight, features, per_count.index_select(0, target))
+        parts = features.new_zeros(features.shape[0])
+        for r in range(weight.shape[1]):
+            parts += weight[:, r] * (features * per_count[:, r].index_select(0, target)).sum(1)
         return parts.new_zeros(batch.n_nodes).index_add_(0, source, parts)
 
     def _weights(self, batch: Batch, keep: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
