@@ -161,15 +161,18 @@ def read_places(connection: sqlite3.Connection, building: int, dimension: int) -
     if not rows:
         return PlaceRows((), np.zeros((0, 3)), np.zeros((0, dimension), dtype=np.float32))
     ids, x, y, z, blobs = zip(*rows, strict=True)
-    if set(map(type, ids)) != {str} or set(map(type, x + y + z)) != {float}:
-        raise MapError("expected places with a text id and three numbers (got others: the map is damaged)")
+    if set(map(type, ids)) != {str}:
+        raise MapError("expected place ids as text (got others: the map is damaged)")
     if set(map(type, blobs)) != {bytes} or set(map(len, blobs)) != {4 * dimension}:
         raise MapError(f"expected embeddings of {4 * dimension} bytes (got others: the map is damaged)")
     embeddings = np.frombuffer(b"".join(blobs), dtype="<f4").reshape(-1, dimension)
-    positions = np.array([x, y, z], dtype=np.float64).T
+    try:
+        positions = np.stack([np.array(axis, dtype=np.float64) for axis in (x, y, z)], axis=1)
+    except (TypeError, ValueError):
+        raise MapError("expected positions of three numbers (got others: the map is damaged)") from None
     if not (np.isfinite(embeddings).all() and np.isfinite(positions).all()):
         raise MapError("expected finite positions and embeddings (got NaN or infinity: the map is damaged)")
-    return PlaceRows(ids, np.ascontiguousarray(positions), embeddings.astype(np.float32, copy=False))
+    return PlaceRows(ids, positions, embeddings.astype(np.float32, copy=False))
 
 
 def pack_graph(graph: SceneGraph, frame_id: str) -> PackedGraph:
