@@ -1,0 +1,169 @@
+"""A parametric office with the object counts of the paper's Table I: a stand-in where its data set is not at hand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from semloc_core.hydra_write import Room, node_id, write_hydra
+from semloc_core.labelspace import Labelspace, load_labelspace
+from semloc_core.scene_graph import SceneGraph
+from semloc_core.wire import Object, Place, SceneGraphUpdate
+from semloc_core.world.floor_plan import CORRIDOR, FloorPlan, RoomKind, corridor_plan
+from semloc_core.world.furniture import Furniture, Item, furnish
+from semloc_core.world.places import Floats, Ints, largest_component, sample_places, traversability
+
+WORK = ("office", "open plan")
+SOCIAL = ("lounge", "kitchen")
+
+OFFICE_ROOMS = (
+    RoomKind("office", 14, (3.6, 4.8)),
+    RoomKind("open plan", 3, (8.0, 10.0)),
+    RoomKind("meeting", 3, (5.0, 6.5)),
+    RoomKind("lounge", 3, (6.0, 8.0)),
+    RoomKind("kitchen", 1, (5.0, 6.0)),
+    RoomKind("store", 2, (3.0, 4.0)),
+)
+
+# Counts: the paper's Table I. A computer's footprint is its desk's.
+OFFICE_FURNITURE = (
+    Furniture(
+        "computer", 35, "wall", (0.5, 0.4, 0.45), 0.95, rooms=WORK, per_room=(1, 3), footprint=(1.4, 0.75)
+    ),
+    Furniture("couch", 11, "wall", (1.9, 0.9, 0.8), 0.4, rooms=(*SOCIAL, "meeting"), per_room=(1, 3)),
+    Furniture("chair", 28, "beside", (0.6, 0.6, 0.95), 0.48, beside="computer"),
+    Furniture("plant", 13, "wall", (0.5, 0.5, 1.2), 0.6, rooms=(*SOCIAL, "meeting", "open plan", CORRIDOR)),
+    Furniture("painting", 8, "wall", (1.0, 0.05, 0.8), 1.6, rooms=(CORRIDOR, "meeting", "lounge")),
+    Furniture("trash can", 8, "beside", (0.3, 0.3, 0.4), 0.2, beside="computer"),
+    Furniture("trash can", 7, "door", (0.3, 0.3, 0.4), 0.2, rooms=("kitchen", "meeting", "lounge", CORRIDOR)),
+)
+
+
+class OfficeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What to build. The defaults are the office whose difficulty is fitted to the paper's bag of words.
+
+    ``rooms`` and ``furniture``: what there is; ``wings``: number of corridors; ``depth_m``, ``corridor_m``,
+    ``door_m``: depth of rooms, width of corridors and doors; ``spacing_m``: bounds of the distance a place keeps from
+    others; ``max_edge_m``: longest traversability edge; ``place_height_m`` and ``place_height_std_m``: places float
+    at this height, give or take; ``labelspace``: name or path of the labelspace that has the furniture's classes.
+    Metres.
+    """
+
+    rooms: tuple[RoomKind, ...] = OFFICE_ROOMS
+    furniture: tuple[Furniture, ...] = OFFICE_FURNITURE
+    wings: int = 2
+    depth_m: float = 5.5
+    corridor_m: float = 2.4
+    door_m: float = 1.0
+    spacing_m: tuple[float, float] = (0.4, 0.9)
+    max_edge_m: float = 1.6
+    place_height_m: float = 1.2
+    place_height_std_m: float = 0.12
+    labelspace: str = "uhumans2_office"
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A generated building.
+
+    Args:
+        graph: places, objects, edges (one object–place edge an object: its nearest place in the room).
+        rooms: node id -> room; a doorway's places belong to the room that is not a corridor.
+        labelspace: classes of the objects.
+
+    """
+
+    graph: SceneGraph
+    rooms: dict[str, Room]
+    labelspace: Labelspace
+
+
+def make_office(config: OfficeConfig, rng: np.random.Generator) -> World:
+    """Build a world: rooms along corridors, furniture in groups, places in the free space.
+
+    Places are thrown at random into free space as irregularly as Hydra's, joined only through free space and doors;
+    those that can't be reached are left out. The same configuration and generator state give the same world.
+
+    Args:
+        config: what to build.
+        rng: the only source of randomness.
+
+    Raises:
+        ConfigError: the furniture does not fit.
+
+    """
+    labelspace = load_labelspace(config.labelspace)
+    plan = corridor_plan(
+        config.rooms,
+        rng,
+        wings=config.wings,
+        depth_m=config.depth_m,
+        corridor_m=config.corridor_m,
+        door_m=config.door_m,
+    )
+    items = furnish(plan, config.furniture, rng)
+    points, rooms = sample_places(plan, items, config.spacing_m, rng)
+    edges = traversability(plan, items, points, rooms, config.max_edge_m)
+    kept = largest_component(len(points), edges)
+    new_index = np.cumsum(kept) - 1
+    edges = new_index[edges[:, kept[edges].all(axis=0)]]
+    points, rooms = points[kept], rooms[kept]
+    heights = rng.normal(config.place_height_m, config.place_height_std_m, size=len(points))
+
+    place_ids = [node_id("p", i) for i in range(len(points))]
+    owner = np.array([r if r >= 0 else plan.doors[-1 - r].rooms[0] for r in rooms], dtype=np.int64)
+    graph = SceneGraph()
+    graph.apply(
+        SceneGraphUpdate(
+            schema="semloc/scene_graph_update/1",
+            stamp_ns=0,
+            frame_id="map",
+            seq=0,
+            full=True,
+            places=[
+                Place(place_id, (float(x), float(y), float(z)))
+                for place_id, (x, y), z in zip(place_ids, points, heights, strict=True)
+            ],
+            objects=[
+                Object(node_id("O", i), item.class_, item.position, item.size) for i, item in enumerate(items)
+            ],
+            edges=[(place_ids[a], place_ids[b]) for a, b in edges.T]
+            + [
+                (place_ids[_parent(item, plan, points, rooms)], node_id("O", i))
+                for i, item in enumerate(items)
+            ],
+            query_place=None,
+        )
+    )
+    return World(graph, _rooms(plan, owner, place_ids, config.place_height_m), labelspace)
+
+
+def write_world(path: str | Path, world: World) -> None:
+    """Write a world as a Hydra v1.1 file, rooms and all.
+
+    Raises:
+        FileFormatError: the file can't be written.
+
+    """
+    write_hydra(path, world.graph, world.labelspace, world.rooms)
+
+
+def _rooms(plan: FloorPlan, owner: Ints, place_ids: Sequence[str], height_m: float) -> dict[str, Room]:
+    rooms = {}
+    for r, room in enumerate(plan.rooms):
+        x, y = ((low + high) / 2 for low, high in zip(room.low, room.high, strict=True))
+        places = tuple(place_ids[int(i)] for i in np.flatnonzero(owner == r))
+        rooms[node_id("R", r)] = Room(room.name, (x, y, height_m), places)
+    return rooms
+
+
+def _parent(item: Item, plan: FloorPlan, points: Floats, rooms: Ints) -> int:
+    """The nearest place of the item's room or one of its doors (the nearest of all where it has none)."""
+    doors = [-1 - d for d, door in enumerate(plan.doors) if item.room in door.rooms]
+    here = np.flatnonzero(np.isin(rooms, [item.room, *doors]))
+    here = here if len(here) else np.arange(len(points))
+    return int(here[np.argmin(np.linalg.norm(points[here] - item.position[:2], axis=1))])
