@@ -1,0 +1,196 @@
+"""Whole buildings, many at once: in which building, and where in it, is a place that a second run has seen.
+
+ROOT/*/query.json against ROOT/*/map.json, all maps in one database. Nothing is shared between a query and its map
+but the building: places are sampled anew, objects are as a detector saw them. A match is right in the same building
+and within 4 m (three-dimensional: the floor above is another place).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from semloc_core.config import MATCH_RADIUS_M
+from semloc_core.encoder import build_encoder
+from semloc_core.errors import FileFormatError
+from semloc_core.evaluate import metrics
+from semloc_core.evaluate.rows import Progress, Row, no_progress
+from semloc_core.graph_arrays import Floats, GraphArrays, Ints
+from semloc_core.hydra import HydraFile, read_hydra
+from semloc_core.labelspace import Labelspace, union
+from semloc_core.model import Model, embed_graph
+from semloc_core.place_graph import extract_all
+from semloc_core.training.config import TrainConfig
+from semloc_core.training.loop import Report, train
+
+BASELINES = ("bag_of_words", "tfidf", "histogram", "rings")
+
+
+@dataclass(frozen=True, eq=False)
+class Building:
+    """A building mapped and seen again."""
+
+    name: str
+    map: HydraFile
+    query: HydraFile
+
+
+@dataclass(frozen=True, eq=False)
+class Arena:
+    """All buildings as arrays in one labelspace; the database is the places of all maps, building by building.
+
+    Args:
+        labelspace: the classes.
+        maps: one a building.
+        queries: one a building, in the same order.
+
+    """
+
+    labelspace: Labelspace
+    maps: tuple[GraphArrays, ...]
+    queries: tuple[GraphArrays, ...]
+
+    @property
+    def positions(self) -> Floats:
+        """(M, 3) positions of the database's places, each in its building's frame (m)."""
+        return np.concatenate([building.place_positions for building in self.maps])
+
+    @property
+    def building(self) -> Ints:
+        """(M,) index of the building of each of the database's places."""
+        return np.repeat(np.arange(len(self.maps)), [building.n_places for building in self.maps]).astype(
+            np.int64
+        )
+
+
+def evaluate_relocalise(
+    root: Path,
+    *,
+    models: Sequence[Model] = (),
+    train_paper: bool = True,
+    baselines: Sequence[str] = BASELINES,
+    config: TrainConfig | None = None,
+    radius_m: float = MATCH_RADIUS_M,
+    seed: int = 0,
+    progress: Progress = no_progress,
+) -> list[Row]:
+    """success@1/5/10 of baselines and models on every building of a folder.
+
+    Args:
+        root: holds a folder a building, each with ``map.json`` and ``query.json``.
+        models: trained models to judge too, each in its own labelspace; ``method`` is the encoder's name and the
+            first digits of the model's hash.
+        train_paper: train the paper's encoder on all maps (never on a query) and judge it too.
+        baselines: encoders with nothing to train; what they count they count on the maps.
+        config: options of the training; encoder and seed are overridden.
+        radius_m: how near is right.
+        seed: of training and of the bootstrap.
+        progress: told of every method, and of the training's steps.
+
+    Returns:
+        For each method a row for ``all`` and one a building: ``success@N`` for N = 1, 5, 10 with a 95 % bootstrap
+        interval ``_low``, ``_high`` and ``queries``. A building's interval is over its queries; that of ``all``
+        over buildings, since what can vary is which buildings a robot meets (over queries where there is only one).
+
+    Raises:
+        FileFormatError: no building in the folder, or a file that can't be read.
+
+    """
+    buildings = read_buildings(root)
+    labelspace = union([file.labelspace for building in buildings for file in (building.map, building.query)])
+    arena = make_arena(buildings, labelspace)
+    steps = (config or TrainConfig()).steps if train_paper else 0
+    total = steps + len(baselines) + len(models)
+    done = 0
+    rows: list[Row] = []
+    for name in baselines:
+        progress(done, total, name)
+        rows += judge_arena(name, fitted(name, arena), arena, radius_m, seed)
+        done += 1
+    if train_paper:
+        begun = done
+
+        def report(step: Report) -> None:
+            progress(begun + step.step, total, "training paper")
+
+        chosen = msgspec.structs.replace(config or TrainConfig(), encoder="paper", seed=seed)
+        result = train(arena.maps, labelspace, chosen, progress=report)
+        done += steps
+        rows += judge_arena("paper", result.model, arena, radius_m, seed)
+    for model in models:
+        name = f"{model.encoder.name} {model.hash[:8]}"
+        progress(done, total, name)
+        own = arena if model.labelspace.hash == labelspace.hash else make_arena(buildings, model.labelspace)
+        rows += judge_arena(name, model, own, radius_m, seed)
+        done += 1
+    progress(total, total, "done")
+    return rows
+
+
+def read_buildings(root: Path) -> list[Building]:
+    """Read ROOT/*/map.json and query.json, sorted by folder name.
+
+    Raises:
+        FileFormatError: no folder with both.
+
+    """
+    folders = sorted(path.parent for path in root.glob("*/map.json") if (path.parent / "query.json").exists())
+    if not folders:
+        raise FileFormatError(f"expected folders with map.json and query.json in {root} (got none)")
+    return [
+        Building(folder.name, read_hydra(folder / "map.json"), read_hydra(folder / "query.json"))
+        for folder in folders
+    ]
+
+
+def make_arena(buildings: Sequence[Building], labelspace: Labelspace) -> Arena:
+    """Freeze all buildings in one labelspace; objects of classes that it lacks say nothing."""
+    maps, queries = (
+        tuple(
+            GraphArrays.from_scene_graph(file.graph, labelspace, building.name)
+            for building, file in zip(buildings, files, strict=True)
+        )
+        for files in ([building.map for building in buildings], [building.query for building in buildings])
+    )
+    return Arena(labelspace, maps, queries)
+
+
+def fitted(name: str, arena: Arena) -> Model:
+    """An encoder with nothing to train, what it counts counted on all maps."""
+    encoder = build_encoder(name, None, len(arena.labelspace))
+    encoder.fit(extract_all(graph, len(arena.labelspace), encoder.extraction) for graph in arena.maps)
+    return Model(encoder, arena.labelspace)
+
+
+def judge_arena(method: str, model: Model, arena: Arena, radius_m: float, seed: int) -> list[Row]:
+    """The rows of one method; see `evaluate_relocalise`."""
+    database = np.concatenate([embed_graph(model, graph) for graph in arena.maps])
+    positions, building = arena.positions, arena.building
+    right = []
+    for index, query in enumerate(arena.queries):
+        best = metrics.top(metrics.similarity_matrix(embed_graph(model, query), database), max(metrics.RANKS))
+        away = np.linalg.norm(positions[best] - query.place_positions[:, None], axis=2)
+        right.append((away <= radius_m) & (building[best] == index))
+    rng = np.random.default_rng(seed)
+    names = [query.name for query in arena.queries]
+    of_building = np.repeat(np.arange(len(right)), [len(found) for found in right]).astype(np.int64)
+    rows = [_row(method, "all", np.concatenate(right), rng, of_building if len(right) > 1 else None)]
+    return rows + [_row(method, name, found, rng, None) for name, found in zip(names, right, strict=True)]
+
+
+def _row(
+    method: str, scope: str, right: NDArray[np.bool_], rng: np.random.Generator, groups: Ints | None
+) -> Row:
+    """Figures of the queries (Q, 10), whose matches are right or not."""
+    row: Row = {"method": method, "scope": scope, "queries": len(right)}
+    for n in metrics.RANKS:
+        success: NDArray[np.bool_] = right[:, :n].max(axis=1)
+        low, high = metrics.bootstrap_interval(success, rng, groups=groups)
+        mean = float(success.mean()) if len(success) else float("nan")
+        row |= {f"success@{n}": mean, f"success@{n}_low": low, f"success@{n}_high": high}
+    return row
