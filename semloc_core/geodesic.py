@@ -29,9 +29,7 @@ def edge_lengths(positions: NDArray[np.float64], edges: NDArray[np.int64]) -> ND
     """(E,) lengths as of `edge_length`, bit by bit, of edges (2, E) between rows of positions (P, 3), metres."""
     # Written out: norm() may sum in another order, and round another way.
     x, y, z = (positions[edges[0]] - positions[edges[1]]).T
-    lengths: NDArray[np.float64] = (
-        np.rint(np.sqrt(x * x + y * y + z * z) * _QUANTA_PER_METRE) / _QUANTA_PER_METRE
-    )
+    lengths: NDArray[np.float64] = np.rint(np.sqrt(x * x + y * y + z * z) * _QUANTA_PER_METRE) / _QUANTA_PER_METRE
     return lengths
 
 
@@ -162,3 +160,10 @@ def many_balls(
         return none, none, np.zeros(0)
     by_source, by_place, distances = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return by_source, by_place, distances
+
+
+def ranges(start: NDArray[np.int64], size: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The numbers start[0] … start[0] + size[0] - 1, then those of the next range, and so on."""
+    ends = np.cumsum(size)
+    numbers: NDArray[np.int64] = np.arange(ends[-1] if len(ends) else 0) + np.repeat(start - ends + size, size)
+    return numbers

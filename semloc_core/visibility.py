@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from semloc_core.geodesic import ball, many_balls, repair
+from semloc_core.geodesic import ball, many_balls, ranges, repair
 from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.scene_graph import Change, SceneGraph
 
@@ -196,8 +196,7 @@ def object_distances(arrays: GraphArrays, radius_m: float) -> tuple[Ints, Ints, 
     size = np.bincount(by_source, minlength=len(sources))
     start = np.cumsum(size) - size
     of_link = size[source_of_link]
-    within = np.arange(of_link.sum()) - np.repeat(np.cumsum(of_link) - of_link, of_link)
-    row = np.repeat(start[source_of_link], of_link) + within
+    row = ranges(start[source_of_link], of_link)
     objects, places, distances = np.repeat(child, of_link), place[row], distance[row]
     order = np.lexsort((distances, places, objects))
     objects, places, distances = objects[order], places[order], distances[order]

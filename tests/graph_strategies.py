@@ -4,15 +4,14 @@ from collections.abc import Sequence
 
 from hypothesis import strategies as st
 
+from semloc_core.scene_graph import SceneGraph
 from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 PLACES = tuple(f"p{i}" for i in range(7))
 OBJECTS = tuple(f"o{i}" for i in range(4))
 CLASSES = ("chair", "couch", "box", "unheard-of")
 
-positions = st.tuples(
-    st.integers(0, 3).map(float), st.integers(0, 3).map(float), st.sampled_from([0.0, 0.0, 0.1])
-)
+positions = st.tuples(st.integers(0, 3).map(float), st.integers(0, 3).map(float), st.sampled_from([0.0, 0.0, 0.1]))
 places = st.builds(Place, id=st.sampled_from(PLACES), position=positions)
 objects = st.builds(
     Object,
@@ -70,27 +69,25 @@ def any_updates(draw: st.DrawFn) -> SceneGraphUpdate:
 
 
 @st.composite
-def valid_updates(
-    draw: st.DrawFn,
-    known_places: Sequence[str] = (),
-    known_objects: Sequence[str] = (),
-    full: bool | None = None,
-) -> SceneGraphUpdate:
-    """Updates that fit a graph with these nodes."""
-    whole = draw(st.booleans().map(lambda x: x and draw(st.booleans()))) if full is None else full
+def valid_updates(draw: st.DrawFn, graph: SceneGraph | None = None, full: bool | None = None) -> SceneGraphUpdate:
+    """Updates that fit a graph; removals mostly of what is there."""
+    graph = graph or SceneGraph()
+    whole = draw(st.sampled_from([False] * 4 + [True])) if full is None else full
     new_places = draw(st.lists(places, max_size=4, min_size=3 if whole else 0, unique_by=lambda p: p.id))
     new_objects = draw(st.lists(objects, max_size=2, min_size=1 if whole else 0, unique_by=lambda o: o.id))
     gone = draw(st.lists(st.sampled_from(PLACES + OBJECTS), max_size=2))
-    here = [] if whole else [n for n in (*known_places, *known_objects) if n not in gone]
+    here = [] if whole else [n for n in (*graph.places, *graph.objects) if n not in gone]
     p = sorted({n for n in here if n[0] == "p"} | {x.id for x in new_places})
     o = sorted({n for n in here if n[0] == "o"} | {x.id for x in new_objects})
-    edges = draw(st.lists(st.tuples(*[st.sampled_from(p or [""])] * 2), max_size=6 if p else 0))
+    edges = draw(st.lists(st.tuples(*[st.sampled_from(p or [""])] * 2), max_size=8 if p else 0))
     edges = [(a, b) for a, b in edges if a != b]
     links = st.tuples(st.sampled_from(p or [""]), st.sampled_from(o or [""]))
     possible = bool(p and o)
     parents = draw(st.lists(links, max_size=3 if possible else 0))
     edges += [pair if draw(st.booleans()) else pair[::-1] for pair in parents]
-    node = st.sampled_from(PLACES + OBJECTS)
+    there = [(a, b) for a, row in graph.neighbours.items() for b in row]
+    there += [(a, b) for a, row in graph.parents.items() for b in row]
+    there.append(("p0", "p1"))
     return update(
         new_places,
         new_objects,
@@ -99,5 +96,5 @@ def valid_updates(
         query_place=draw(st.one_of(st.none(), st.sampled_from(p))) if p else None,
         sightings=draw(st.lists(links, max_size=2 if possible and draw(st.booleans()) else 0)),
         removed_nodes=gone,
-        removed_edges=draw(st.lists(st.tuples(node, node), max_size=4)),
+        removed_edges=draw(st.lists(st.sampled_from(there), max_size=4)),
     )

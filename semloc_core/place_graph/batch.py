@@ -1,4 +1,4 @@
-"""Places and what is around them, as tensors: the input of every encoder.
+"""What every encoder reads.
 
 A `Batch` is a disjoint union of one small graph per query place. Nodes are sorted by how many hops they are from
 their query place and edges by that of their target, so that a layer which needs less takes a prefix
@@ -7,10 +7,15 @@ their query place and edges by that of their target, so that a layer which needs
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
+
+from semloc_core.errors import LabelspaceError
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +26,7 @@ class Batch:
         features: (N, C) float32; an object's row is its class one-hot, a place's row is zero ("aggregation point"),
             and so is that of an object whose class the labelspace does not have.
         edge_index: (2, E) int64, sources over targets.
-        edge_length: (E,) float32, metres along traversability edges.
+        edge_length: (E,) float32, metres: Euclidean for a traversability edge, geodesic between a place and an object.
         is_object: (N,) bool.
         graph: (N,) int64, which root's graph a node belongs to (all 0 … B-1; in a whole-graph batch all zero).
         n_roots: B; the roots are nodes 0 … B-1.
@@ -51,7 +56,9 @@ class Batch:
         assert self.is_object.shape == (n,), self.is_object.shape
         assert self.graph.shape == (n,), self.graph.shape
         assert len(self.node_ids) == n, (len(self.node_ids), n)
+        assert self.nodes_within[0] == self.n_roots, (self.nodes_within, self.n_roots)
         assert self.nodes_within[-1] == n, (self.nodes_within, n)
+        assert len(self.edges_within) == len(self.nodes_within) - 1, (self.nodes_within, self.edges_within)
         assert self.edges_within == () or self.edges_within[-1] == e, (self.edges_within, e)
 
     @property
@@ -62,3 +69,49 @@ class Batch:
     def with_features(self, features: Tensor) -> Batch:
         """The same graph with other node features (N, C)."""
         return replace(self, features=features)
+
+
+def batch_of_arrays(
+    classes: NDArray[np.int64],
+    n_classes: int,
+    is_object: NDArray[np.bool_],
+    edges: NDArray[np.int64],
+    lengths: NDArray[np.float64],
+    graph: NDArray[np.int64],
+    nodes_within: Sequence[int],
+    edges_within: Sequence[int],
+    node_ids: Sequence[str],
+) -> Batch:
+    """Make a batch from arrays that are sorted already; for those who extract.
+
+    Args:
+        classes: (N,) class index, -1 for places and classes that the labelspace lacks.
+        n_classes: C.
+        is_object: (N,).
+        edges: (2, E) sources over targets.
+        lengths: (E,) metres.
+        graph: (N,) as in `Batch`.
+        nodes_within: as in `Batch`.
+        edges_within: as in `Batch`.
+        node_ids: N ids.
+
+    Raises:
+        LabelspaceError: a class index is not below ``n_classes``.
+
+    """
+    if len(classes) and int(classes.max()) >= n_classes:
+        raise LabelspaceError(f"expected class indices below {n_classes} (got {int(classes.max())})")
+    known = np.flatnonzero(classes >= 0)
+    features = np.zeros((len(classes), n_classes), dtype=np.float32)
+    features[known, classes[known]] = 1.0
+    return Batch(
+        features=torch.from_numpy(features),
+        edge_index=torch.from_numpy(np.ascontiguousarray(edges)),
+        edge_length=torch.from_numpy(lengths.astype(np.float32)),
+        is_object=torch.from_numpy(is_object),
+        graph=torch.from_numpy(graph),
+        n_roots=nodes_within[0],
+        nodes_within=tuple(nodes_within),
+        edges_within=tuple(edges_within),
+        node_ids=tuple(node_ids),
+    )

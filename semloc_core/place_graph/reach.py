@@ -1,0 +1,115 @@
+"""Stars: a place, and an edge to it from every object that is in reach, as long as the way there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semloc_core.geodesic import ball, ranges
+from semloc_core.graph_arrays import GraphArrays
+from semloc_core.labelspace import Labelspace
+from semloc_core.place_graph.batch import Batch, batch_of_arrays
+from semloc_core.place_graph.ego import check_roots
+from semloc_core.scene_graph import SceneGraph
+from semloc_core.visibility import object_distances
+
+
+def reach_batch(graph: SceneGraph, labelspace: Labelspace, places: Sequence[str], radius_m: float) -> Batch:
+    """Stars of places of the online graph.
+
+    An object is in reach if one of its parent places is, along traversability edges; the nearest gives the edge
+    its length. Explicit sightings have no say. Objects are sorted by graph, then id.
+
+    Args:
+        graph: the scene graph.
+        labelspace: gives objects their class index.
+        places: B root places; the same one may come twice.
+        radius_m: how far to look, metres, inclusive.
+
+    Raises:
+        GraphError: a root is not a place of the graph.
+
+    """
+    check_roots(graph, places)
+    nodes: list[str] = []
+    lengths: list[float] = []
+    counts: list[int] = []
+    for root in places:
+        star = _objects_in_reach(graph, root, radius_m)
+        found = sorted(star)
+        nodes += found
+        lengths += [star[node] for node in found]
+        counts.append(len(found))
+    classes = [labelspace.index(graph.objects[node].class_) for node in nodes]
+    return _stars(
+        np.array(classes, dtype=np.int64),
+        len(labelspace),
+        np.array(lengths, dtype=np.float64),
+        np.array(counts, dtype=np.int64),
+        [*places, *nodes],
+    )
+
+
+def reach_all_batch(
+    arrays: GraphArrays, n_classes: int, radius_m: float, roots: NDArray[np.int64] | None = None
+) -> Batch:
+    """Stars of many places of a building at once; the same as `reach_batch` gives.
+
+    Args:
+        arrays: the building.
+        n_classes: C of the labelspace that ``arrays`` was made with.
+        radius_m: how far to look, metres, inclusive.
+        roots: (B,) place indices; None takes all places in order.
+
+    """
+    objects, places, distances = object_distances(arrays, radius_m)
+    rank = np.empty(arrays.n_objects, dtype=np.int64)
+    rank[sorted(range(arrays.n_objects), key=arrays.object_ids.__getitem__)] = np.arange(arrays.n_objects)
+    order = np.lexsort((rank[objects], places))
+    objects, distances = objects[order], distances[order]
+    size = np.bincount(places, minlength=arrays.n_places)
+    chosen = np.arange(arrays.n_places) if roots is None else np.asarray(roots, dtype=np.int64)
+    row = ranges((np.cumsum(size) - size)[chosen], size[chosen])
+    return _stars(
+        arrays.object_classes[objects[row]],
+        n_classes,
+        distances[row],
+        size[chosen],
+        [arrays.place_ids[i] for i in chosen] + [arrays.object_ids[i] for i in objects[row]],
+    )
+
+
+def _objects_in_reach(graph: SceneGraph, root: str, radius_m: float) -> dict[str, float]:
+    distances = ball(graph.neighbours, root, radius_m)
+    star: dict[str, float] = {}
+    for place in distances.keys() & graph.children.keys():
+        distance = distances[place]
+        for child in graph.children[place]:
+            if distance < star.get(child, np.inf):
+                star[child] = distance
+    return star
+
+
+def _stars(
+    classes: NDArray[np.int64],
+    n_classes: int,
+    lengths: NDArray[np.float64],
+    counts: NDArray[np.int64],
+    node_ids: list[str],
+) -> Batch:
+    """Batch of B stars from their M objects' classes and distances, and how many (B,) each star has."""
+    b, m = len(counts), len(classes)
+    root = np.repeat(np.arange(b), counts)
+    return batch_of_arrays(
+        classes=np.concatenate([np.full(b, -1, dtype=np.int64), classes]),
+        n_classes=n_classes,
+        is_object=np.arange(b + m) >= b,
+        edges=np.stack([np.arange(b, b + m), root]),
+        lengths=lengths,
+        graph=np.concatenate([np.arange(b), root]),
+        nodes_within=[b, b + m],
+        edges_within=[m],
+        node_ids=node_ids,
+    )
