@@ -119,6 +119,9 @@ class TrainConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     validate_steps: Annotated[
         int, Meta(ge=1, description="steps between two looks at the validation split")
     ] = 20
+    validation_pairs: Annotated[
+        int, Meta(ge=1, le=100, description="pairs of variants of each building that a look averages over")
+    ] = 2
     patience: Annotated[
         int, Meta(ge=1, description="looks at the validation split without gain after which training stops")
     ] = 10

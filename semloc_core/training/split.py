@@ -36,18 +36,18 @@ class Split:
         chosen: Bools = self.part == PARTS.index(part)
         return chosen
 
-    def mask_of(self, graph: GraphArrays, part: Part) -> Bools:
-        """(P',) which places of a variant of the building are in a part: that of the nearest split place.
+    def parts_of(self, graph: GraphArrays) -> NDArray[np.int8]:
+        """(P',) the part of each place of a variant of the building: that of the nearest split place.
 
         Places that the variant shares with the building are their own nearest, so they keep their part.
         """
         from scipy.spatial import cKDTree
 
         if graph.n_places == 0:
-            return np.zeros(0, dtype=np.bool_)
+            return np.zeros(0, dtype=np.int8)
         nearest = cKDTree(self.positions).query(graph.place_positions)[1]
-        chosen: Bools = self.mask(part)[nearest]
-        return chosen
+        parts: NDArray[np.int8] = self.part[nearest]
+        return parts
 
 
 def split_places(graph: GraphArrays, seed: int) -> Split:

@@ -30,10 +30,10 @@ def test_seed_decides():
 def test_shared_places_keep_their_part_and_new_ones_take_the_nearest():
     graph = places(50)
     split = split_places(graph, seed=0)
-    assert np.array_equal(split.mask_of(graph, "test"), split.mask("test"))
+    assert np.array_equal(split.parts_of(graph), split.part)
     moved = places(50)
     moved.place_positions[:, 0] += 0.3
-    assert np.array_equal(split.mask_of(moved, "train"), split.mask("train"))
+    assert np.array_equal(split.parts_of(moved), split.part)
 
 
 @pytest.mark.parametrize("n", [0, 1])
