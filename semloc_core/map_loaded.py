@@ -174,6 +174,9 @@ def read_building(connection: sqlite3.Connection, name: str, dimension: int) -> 
         (name,),
     ).fetchone()
     key, source, frame_id, stamp_ns, digest, graph_digest, graph_bytes, data = row
+    texts = (source, frame_id, digest, graph_digest)
+    if not all(isinstance(text, str) for text in texts) or not isinstance(stamp_ns, int | None):
+        raise MapError(f"expected texts and a stamp for building {name!r} (got others: the map is damaged)")
     if not isinstance(data, bytes) or not isinstance(graph_bytes, int):
         raise MapError(f"expected a scene graph of building {name!r} (got none: the map is damaged)")
     places = read_places(connection, key, dimension)

@@ -53,8 +53,9 @@ def read_model(connection: sqlite3.Connection, meta: MapMeta) -> Model:
         model = Model.from_bytes(row[0])
     except SemlocError as error:
         raise MapError(f"expected a map that carries its model (got a damaged one: {error})") from error
-    check_hash("model", meta.model_hash, model.hash, model.encoder.name, "")
-    check_hash("labelspace", meta.labelspace_hash, model.labelspace.hash, model.labelspace.name, "")
+    if (meta.model_hash, meta.labelspace_hash) != (found := (model.hash, model.labelspace.hash)):
+        named = f"{meta.model_hash[:12]} with labelspace {meta.labelspace_hash[:12]}"
+        raise MapError(f"expected model {named} in the map (got {found[0][:12]} with {found[1][:12]})")
     if model.encoder.dimension != meta.dimension:
         raise MapError(f"expected embeddings of {model.encoder.dimension} numbers (got {meta.dimension})")
     return model

@@ -120,6 +120,8 @@ def building_names(connection: sqlite3.Connection) -> tuple[str, ...]:
     rows = connection.execute("SELECT name FROM building ORDER BY name LIMIT ?", (MAX_BUILDINGS + 1,)).fetchall()
     if len(rows) > MAX_BUILDINGS:
         raise MapError(f"expected at most {MAX_BUILDINGS} buildings (got more)")
+    if not all(isinstance(name, str) for (name,) in rows):
+        raise MapError("expected building names as text (got others: the map is damaged)")
     return tuple(name for (name,) in rows)
 
 

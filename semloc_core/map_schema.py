@@ -162,7 +162,10 @@ def read(path: Path, work: Callable[[sqlite3.Connection], T]) -> T:
             before = path.stat()
             connection.execute("BEGIN")
             check_schema(connection, path)
-            result = work(connection)
+            try:
+                result = work(connection)
+            except MapError as error:
+                raise MapError(f"{path}: {error}") from error
             after = path.stat()
         # Read without locks, so a writer elsewhere may have moved pages under it.
         same = (before.st_mtime_ns, before.st_size, before.st_ino) == (

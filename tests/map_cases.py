@@ -17,7 +17,7 @@ from semloc_core.model import Model
 from semloc_core.scene_graph import SceneGraph
 from semloc_core.wire import Object, Place, SceneGraphUpdate
 
-ONE_LINE = r"^expected [^\n]* \(got [^\n]*\)$"
+ONE_LINE = r"^(/[^\n]*: )?expected [^\n]* \(got [^\n]*\)$"
 LABELS = Labelspace("test", ("chair", "table", "plant"))
 Building = tuple[SceneGraph, list[str], NDArray[np.float64], NDArray[np.float32]]
 

@@ -72,6 +72,13 @@ FORGED: dict[str, Callable[[Path], object]] = {
     "building renamed": lambda p: edit(p, "UPDATE building SET name = 'c' WHERE name = 'a'"),
     "building lost": lambda p: edit(p, "DELETE FROM building WHERE name = 'a'"),
     "no digest": lambda p: edit(p, "UPDATE building SET digest = NULL"),
+    "building with a binary name": lambda p: edit(p, "UPDATE building SET name = CAST(name AS BLOB)"),
+    "building named in no encoding": lambda p: edit(p, "UPDATE building SET name = CAST(x'FF' AS TEXT) WHERE id = 1"),
+    "binary frame": lambda p: edit(p, "UPDATE building SET frame_id = x'00'"),
+    "binary note": lambda p: edit(p, "UPDATE building SET source = x'00'"),
+    "stamp in words": lambda p: edit(p, "UPDATE building SET stamp_ns = 'noon'"),
+    "binary graph digest": lambda p: edit(p, "UPDATE building SET graph_digest = x'00'"),
+    "binary meta": lambda p: edit(p, "UPDATE meta SET value = x'00'"),
     "graph of text": lambda p: edit(p, "UPDATE building SET graph = 'graph'"),
     "graph size in words": lambda p: edit(p, "UPDATE building SET graph_bytes = 'many'"),
 }
