@@ -46,6 +46,14 @@ class _Bracket:
     right: dict[int, int] = field(default_factory=lambda: dict.fromkeys(TOP, 0))
 
 
+def right_matches(answer: PlaceMatches, building: str, position: Position) -> list[bool]:
+    """For each match in turn, whether it is in this building and within `MATCH_RADIUS_M` of ``position`` (m)."""
+    return [
+        m.map == building and float(np.linalg.norm(np.subtract(m.position, position))) <= MATCH_RADIUS_M
+        for m in answer.matches
+    ]
+
+
 class TraversalScore:
     """Compares answers with where the robot truly was.
 
@@ -63,6 +71,17 @@ class TraversalScore:
         self._last: tuple[str, Position] | None = None
         self.unscored = 0
 
+    @property
+    def travelled_m(self) -> float:
+        """Metres from the first scored answer's true position to the last one's."""
+        return self._travelled
+
+    def building_of(self, frame_id: str) -> str | None:
+        """The building that a ground truth in this frame is in; None where that can't be told."""
+        if frame_id in self._buildings:
+            return frame_id
+        return self._buildings[0] if len(self._buildings) == 1 else None
+
     def add(self, answer: PlaceMatches, position: Position, frame_id: str) -> bool:
         """Score one answer.
 
@@ -75,17 +94,14 @@ class TraversalScore:
             Whether the answer could be scored.
 
         """
-        if frame_id not in self._buildings and len(self._buildings) != 1:
+        building = self.building_of(frame_id)
+        if building is None:
             self.unscored += 1
             return False
-        building = frame_id if frame_id in self._buildings else self._buildings[0]
         if self._last is not None and self._last[0] == frame_id:
             self._travelled += float(np.linalg.norm(np.subtract(position, self._last[1])))
         self._last = (frame_id, position)
-        near = [
-            m.map == building and float(np.linalg.norm(np.subtract(m.position, position))) <= MATCH_RADIUS_M
-            for m in answer.matches
-        ]
+        near = right_matches(answer, building, position)
         bracket = self._brackets[int(np.searchsorted(FROM_METRES, self._travelled, side="right")) - 1]
         for tally in (bracket, self._total):
             tally.queries += 1
