@@ -126,8 +126,6 @@ class TrainConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         int, Meta(ge=1, description="looks at the validation split without gain after which training stops")
     ] = 10
     max_seconds: Annotated[
-        float | None,
-        Meta(
-            gt=0.0, description="stop after so many seconds; the result then depends on the machine's speed"
-        ),
+        Annotated[float, Meta(gt=0.0)] | None,
+        Meta(description="stop after so many seconds; the result then depends on the machine's speed"),
     ] = None
