@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from semloc_core.geodesic import edge_lengths
 from semloc_core.labelspace import Labelspace
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -47,14 +48,20 @@ class GraphArrays:
     sightings: Ints
 
     def __post_init__(self) -> None:
-        p, o = len(self.place_ids), len(self.object_ids)
-        assert self.place_positions.shape == (p, 3), self.place_positions.shape
-        assert self.object_positions.shape == (o, 3), self.object_positions.shape
-        assert self.object_classes.shape == (o,), self.object_classes.shape
-        for edges in (self.place_edges, self.object_parents, self.sightings):
-            assert edges.ndim == 2, edges.shape
-            assert edges.shape[0] == 2, edges.shape
-            assert edges.dtype == np.int64, edges.dtype
+        p, o = self.n_places, self.n_objects
+        for array, shape, dtype in (
+            (self.place_positions, (p, 3), np.float64),
+            (self.object_positions, (o, 3), np.float64),
+            (self.object_classes, (o,), np.int64),
+        ):
+            assert array.shape == shape, (array.shape, shape)
+            assert array.dtype == dtype, array.dtype
+        for links, rows in ((self.place_edges, (p, p)), (self.object_parents, (o, p)), (self.sightings, (p, o))):
+            assert links.ndim == 2, links.shape
+            assert links.shape[0] == 2, links.shape
+            assert links.dtype == np.int64, links.dtype
+            for row, count in zip(links, rows, strict=True):
+                assert row.size == 0 or (row.min() >= 0 and row.max() < count), (row.min(), row.max(), count)
 
     @property
     def n_places(self) -> int:
@@ -71,7 +78,7 @@ class GraphArrays:
         return edge_lengths(self.place_positions, self.place_edges)
 
     def with_objects(self, keep: NDArray[np.bool_]) -> GraphArrays:
-        """The same building with only the objects where ``keep`` (O,) is true."""
+        """The same building with only the objects where ``keep`` (O,) bool is true."""
         new_index = np.cumsum(keep) - 1
         parents = self.object_parents[:, keep[self.object_parents[0]]]
         sightings = self.sightings[:, keep[self.sightings[1]]]
@@ -86,16 +93,20 @@ class GraphArrays:
 
     @classmethod
     def from_scene_graph(cls, graph: SceneGraph, labelspace: Labelspace, name: str = "") -> GraphArrays:
-        """Freeze a scene graph; objects of a class that the labelspace lacks get class -1."""
+        """Freeze a scene graph.
+
+        Args:
+            graph: the online graph; it may change afterwards.
+            labelspace: gives class indices; objects of a class that it lacks get -1.
+            name: the building's name.
+
+        """
         place_ids = tuple(sorted(graph.places))
         object_ids = tuple(sorted(graph.objects))
         p_index = {p: i for i, p in enumerate(place_ids)}
         o_index = {o: i for i, o in enumerate(object_ids)}
         edges = sorted(
-            (p_index[a], p_index[b])
-            for a, row in graph.neighbours.items()
-            for b in row
-            if p_index[a] < p_index[b]
+            (p_index[a], p_index[b]) for a, row in graph.neighbours.items() for b in row if p_index[a] < p_index[b]
         )
         parents = sorted((o_index[o], p_index[p]) for o, places in graph.parents.items() for p in places)
         sightings = sorted((p_index[p], o_index[o]) for o, places in graph.sightings.items() for p in places)
@@ -106,12 +117,48 @@ class GraphArrays:
             place_edges=_columns(edges),
             object_ids=object_ids,
             object_positions=_rows([graph.objects[o].position for o in object_ids]),
-            object_classes=np.array(
-                [labelspace.index(graph.objects[o].class_) for o in object_ids], dtype=np.int64
-            ),
+            object_classes=np.array([labelspace.index(graph.objects[o].class_) for o in object_ids], dtype=np.int64),
             object_parents=_columns(parents),
             sightings=_columns(sightings),
         )
+
+    def to_scene_graph(self, labelspace: Labelspace) -> SceneGraph:
+        """The same building as an online graph, to be fed as a stream or queried place by place.
+
+        Args:
+            labelspace: the one the arrays were made with. Objects of class -1 get a name that it does not have.
+                Sizes of objects are not known here, and None.
+
+        """
+        unknown = "unknown"
+        while labelspace.index(unknown) >= 0:
+            unknown += "?"
+        names = (*labelspace.classes, unknown)  # index -1 is the last
+        places, objects = self.place_ids, self.object_ids
+        edges = [(places[a], places[b]) for a, b in self.place_edges.T.tolist()]
+        links = [(places[p], objects[o]) for o, p in self.object_parents.T.tolist()]
+        return SceneGraph.from_update(
+            SceneGraphUpdate(
+                schema="semloc/scene_graph_update/1",
+                stamp_ns=0,
+                frame_id="",
+                seq=0,
+                full=True,
+                places=[Place(i, _point(x)) for i, x in zip(places, self.place_positions, strict=True)],
+                objects=[
+                    Object(i, names[c], _point(x))
+                    for i, c, x in zip(objects, self.object_classes.tolist(), self.object_positions, strict=True)
+                ],
+                edges=edges + links,
+                query_place=None,
+                sightings=[(places[p], objects[o]) for p, o in self.sightings.T.tolist()],
+            )
+        )
+
+
+def _point(row: Floats) -> Position:
+    x, y, z = row.tolist()
+    return x, y, z
 
 
 def _rows(points: list[tuple[float, float, float]]) -> Floats:

@@ -7,7 +7,7 @@ only, and from one out of reach at the radius itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 
 import numpy as np
@@ -128,12 +128,12 @@ class Visibility:
 
     def _refresh(self, object_: str, places: Iterable[str]) -> set[str]:
         """Set the object's distance anew at these places; returns those where it changed."""
-        balls = [self._balls[source] for source in self._sources.get(object_, ()) if source in self._balls]
+        nearest = self._nearest(object_)
         sightings = self.graph.sightings.get(object_)
         row = self._places.setdefault(object_, {})
         changed: set[str] = set()
         for place in places:
-            distance = min((each[place] for each in balls if place in each), default=None)
+            distance = nearest(place)
             if sightings is not None:
                 distance = None if place not in sightings else self.radius_m if distance is None else distance
             if distance == row.get(place):
@@ -151,6 +151,13 @@ class Visibility:
         if not row:
             del self._places[object_]
         return changed
+
+    def _nearest(self, object_: str) -> Callable[[str], float | None]:
+        """Distance of a place from the nearest of the object's parents, None where out of reach."""
+        balls = [self._balls[source] for source in self._sources.get(object_, ()) if source in self._balls]
+        if len(balls) == 1:
+            return balls[0].get
+        return lambda place: min((each[place] for each in balls if place in each), default=None)
 
 
 def visible_pairs(arrays: GraphArrays, radius_m: float) -> tuple[Ints, Floats]:
@@ -176,7 +183,7 @@ def visible_pairs(arrays: GraphArrays, radius_m: float) -> tuple[Ints, Floats]:
         objects = np.concatenate([objects[keep], far // arrays.n_places])
         places = np.concatenate([places[keep], far % arrays.n_places])
         distances = np.concatenate([distances[keep], np.full(len(far), radius_m)])
-    order = np.lexsort((objects, places))
+    order = np.argsort(places * arrays.n_objects + objects)
     return np.stack([places[order], objects[order]]), distances[order]
 
 
@@ -198,12 +205,12 @@ def object_distances(arrays: GraphArrays, radius_m: float) -> tuple[Ints, Ints, 
     of_link = size[source_of_link]
     row = ranges(start[source_of_link], of_link)
     objects, places, distances = np.repeat(child, of_link), place[row], distance[row]
-    order = np.lexsort((distances, places, objects))
-    objects, places, distances = objects[order], places[order], distances[order]
     keys = _pair_keys(arrays, objects, places)
-    nearest = np.ones(len(keys), dtype=bool)
-    nearest[1:] = keys[1:] != keys[:-1]
-    return objects[nearest], places[nearest], distances[nearest]
+    if (np.diff(keys) > 0).all():  # one parent each, in order: as most graphs are
+        return objects, places, distances
+    order = np.lexsort((distances, keys))
+    first = order[np.diff(keys[order], prepend=-1) > 0]
+    return objects[first], places[first], distances[first]
 
 
 def _pair_keys(arrays: GraphArrays, objects: Ints, places: Ints) -> Ints:

@@ -67,7 +67,7 @@ def reach_all_batch(
     objects, places, distances = object_distances(arrays, radius_m)
     rank = np.empty(arrays.n_objects, dtype=np.int64)
     rank[sorted(range(arrays.n_objects), key=arrays.object_ids.__getitem__)] = np.arange(arrays.n_objects)
-    order = np.lexsort((rank[objects], places))
+    order = np.argsort(places * arrays.n_objects + rank[objects])
     objects, distances = objects[order], distances[order]
     size = np.bincount(places, minlength=arrays.n_places)
     chosen = np.arange(arrays.n_places) if roots is None else np.asarray(roots, dtype=np.int64)
@@ -77,7 +77,7 @@ def reach_all_batch(
         n_classes,
         distances[row],
         size[chosen],
-        [arrays.place_ids[i] for i in chosen] + [arrays.object_ids[i] for i in objects[row]],
+        [arrays.place_ids[i] for i in chosen.tolist()] + [arrays.object_ids[i] for i in objects[row].tolist()],
     )
 
 

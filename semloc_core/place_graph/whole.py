@@ -29,7 +29,7 @@ def whole_graph_batch(arrays: GraphArrays, n_classes: int, hops: int, radius_m: 
     place_to_object = visible + np.array([[0], [p]])
     edges = np.concatenate([place_to_place, place_to_place[::-1], place_to_object, place_to_object[::-1]], axis=1)
     lengths = np.concatenate([np.tile(arrays.edge_lengths(), 2), np.tile(distances, 2)])
-    order = np.lexsort((edges[0], edges[1]))
+    order = np.argsort(edges[1] * (p + o) + edges[0])  # no key comes twice
     into_places = int((edges[1] < p).sum())
     n_nodes = p + o if hops else p
     n_edges = (0, into_places, edges.shape[1])[min(hops, 2)]
