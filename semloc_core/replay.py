@@ -13,9 +13,19 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 from semloc_core import wire
-from semloc_core.bag import GROUND_TRUTH_TOPIC, BagMessage, BagWriter, decode_point, decode_string, read_messages
+from semloc_core.bag import (
+    GROUND_TRUTH_TOPIC,
+    POINT_STAMPED,
+    STRING,
+    BagMessage,
+    BagWriter,
+    decode_point,
+    decode_string,
+    read_messages,
+)
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import BagError, GraphError, MessageError
 from semloc_core.localiser import Localiser
@@ -24,7 +34,9 @@ from semloc_core.traversal_score import LatencyHistogram, TraversalScore
 
 logger = logging.getLogger(__name__)
 
-STRING = "std_msgs/msg/String"
+T = TypeVar("T")
+_WAITING = 100
+"""Answers, or true positions, that wait for their counterpart at most."""
 MATCHES_TOPIC = "/localiser/matches"
 ATTRIBUTIONS_TOPIC = "/localiser/attributions"
 
@@ -85,9 +97,9 @@ class _Truths:
             _trim(self._truths)
 
 
-def _trim(waiting: dict[int, object] | dict[int, wire.PlaceMatches] | dict[int, tuple[wire.Position, str]]) -> None:
-    if len(waiting) > 100:
-        del waiting[next(iter(waiting))]  # type: ignore[arg-type]  # mypy can't see that key and dict agree
+def _trim(waiting: dict[int, T]) -> None:
+    if len(waiting) > _WAITING:
+        del waiting[next(iter(waiting))]
 
 
 def replay(
@@ -118,7 +130,7 @@ def replay(
     truths, latency, summary = _Truths(score), LatencyHistogram(), ReplaySummary()
     with contextlib.ExitStack() as stack:
         writer = stack.enter_context(BagWriter(results)) if results is not None else None
-        for message in read_messages(run, topics=[topic, GROUND_TRUTH_TOPIC]):
+        for message in read_messages(run, topics={topic: STRING, GROUND_TRUTH_TOPIC: POINT_STAMPED}):
             if message.topic == GROUND_TRUTH_TOPIC:
                 truth = decode_point(message.data)
                 truths.truth(truth.stamp_ns, truth.position, truth.frame_id)
@@ -175,7 +187,7 @@ def score_results(results: Path, buildings: list[str], topic: str = MATCHES_TOPI
     """
     score = TraversalScore(buildings)
     truths = _Truths(score)
-    for message in read_messages(results, topics=[topic, GROUND_TRUTH_TOPIC]):
+    for message in read_messages(results, topics={topic: STRING, GROUND_TRUTH_TOPIC: POINT_STAMPED}):
         if message.topic == GROUND_TRUTH_TOPIC:
             truth = decode_point(message.data)
             truths.truth(truth.stamp_ns, truth.position, truth.frame_id)
@@ -186,5 +198,5 @@ def score_results(results: Path, buildings: list[str], topic: str = MATCHES_TOPI
 
 def answers(results: Path, topic: str = MATCHES_TOPIC) -> Iterator[wire.PlaceMatches]:
     """The matches in a results bag, in order."""
-    for message in read_messages(results, topics=[topic]):
+    for message in read_messages(results, topics={topic: STRING}):
         yield wire.decode(decode_string(message.data), wire.PlaceMatches)

@@ -31,7 +31,7 @@ LabelspaceOption = Annotated[
     ),
 ]
 
-console = Console(highlight=False)
+console = Console(highlight=False, soft_wrap=True)
 
 
 def note(text: str) -> None:

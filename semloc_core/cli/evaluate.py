@@ -7,7 +7,16 @@ from typing import Annotated
 
 import typer
 
-from semloc_core.cli.common import Json, LabelspaceOption, Seed, pick_labelspace, progress, read_graph, show
+from semloc_core.cli.common import (
+    Json,
+    LabelspaceOption,
+    Seed,
+    pick_labelspace,
+    progress,
+    read_graph,
+    report_unknown_classes,
+    show,
+)
 
 app = typer.Typer(no_args_is_help=True, help="Measure: the paper's protocol, and whole buildings.")
 
@@ -29,10 +38,12 @@ def office(
     from semloc_core.evaluate.ablation import evaluate_ablation
     from semloc_core.evaluate.office import evaluate_office
     from semloc_core.graph_arrays import GraphArrays
-    from semloc_core.labelspace import labelspace_of
+    from semloc_core.labelspace import count_unknown
 
-    file = read_graph(graph, pick_labelspace(labelspace))
-    space = labelspace_of(file)
+    chosen = pick_labelspace(labelspace)
+    file = read_graph(graph, chosen)
+    space = chosen or file.labelspace
+    report_unknown_classes(count_unknown(file.graph, space), str(graph))
     arrays = GraphArrays.from_scene_graph(file.graph, space, graph.stem)
     with progress("evaluating") as bar:
         run = evaluate_ablation if ablation else evaluate_office

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -57,6 +59,26 @@ def _put(database: MapDatabase, model: Model, path: Path, name: str, replace: bo
     return arrays.n_places
 
 
+@contextmanager
+def _fresh(output: Path, model: Model) -> Iterator[MapDatabase]:
+    """A map without buildings under this name, once the block ends well; else what was there before."""
+    from semloc_core.map_database import MapDatabase
+
+    if output.exists():  # other processes may have it open, so it is changed in place, in one transaction
+        with MapDatabase.open(output) as database, database.transaction():
+            database.reset(model)
+            yield database
+        return
+    unfinished = output.with_name(f".{output.name}.unfinished")
+    unfinished.unlink(missing_ok=True)
+    try:
+        with MapDatabase.create(unfinished, model) as database:
+            yield database
+        unfinished.replace(output)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
 @app.command("build")
 def build(
     inputs: Inputs,
@@ -66,22 +88,15 @@ def build(
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
     """Build a map database: every place of every building, embedded; the file carries the model too."""
-    from semloc_core.map_database import MapDatabase
     from semloc_core.model import Model
 
     if output.exists() and not force:
         raise MapError(f"expected a new file, or --force to replace one (got {output}, which exists)")
     names, loaded, places = _names(inputs, name), Model.load(model), 0
-    unfinished = output.with_name(f".{output.name}.unfinished")
-    unfinished.unlink(missing_ok=True)
-    try:
-        with MapDatabase.create(unfinished, loaded) as database, progress("embedding places") as bar:
-            for i, (path, building) in enumerate(zip(inputs, names, strict=True)):
-                bar(i, len(inputs), building)
-                places += _put(database, loaded, path, building, replace=False)
-        unfinished.replace(output)
-    finally:
-        unfinished.unlink(missing_ok=True)
+    with _fresh(output, loaded) as database, progress("embedding places") as bar:
+        for i, (path, building) in enumerate(zip(inputs, names, strict=True)):
+            bar(i, len(inputs), building)
+            places += _put(database, loaded, path, building, replace=False)
     console.print(f"{output}: {places} places in {len(inputs)} building{'s' if len(inputs) != 1 else ''}")
 
 
@@ -136,7 +151,7 @@ def remove(
     """Remove buildings."""
     from semloc_core.map_database import MapDatabase
 
-    with MapDatabase.open(map_file) as database:
+    with MapDatabase.open(map_file) as database, database.transaction():
         for name in names:
             database.remove_building(name)
             console.print(f"{name}: removed")
