@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor, nn
 
 from semloc_core.errors import ModelError
@@ -18,7 +19,7 @@ class TrimmedEdges:
 
     Args:
         source: (E,) int64.
-        target: (E,) int64.
+        target: (E,) int64, ascending.
         within: within[h] = how many edges (a prefix) have a target at most h hops from its root.
 
     """
@@ -50,11 +51,34 @@ def trim(batch: Batch, hops: int, keep: Tensor | None = None) -> TrimmedEdges:
         raise ModelError(f"expected a batch of at least {hops} hops (got {len(batch.edges_within)})")
     within = batch.edges_within[:hops]
     source, target = batch.edge_index[0, : within[-1]], batch.edge_index[1, : within[-1]]
+    if bool((target[1:] < target[:-1]).any()):  # nodes are sorted by hop, so a prefix by hop stays one
+        target, order = target.sort(stable=True)
+        source = source.index_select(0, order)
     if keep is None:
         return TrimmedEdges(source, target, within)
     stays = keep.index_select(0, source) & keep.index_select(0, target)
     counts = torch.cat([stays.new_zeros(1, dtype=torch.int64), stays.cumsum(0)])
     return TrimmedEdges(source[stays], target[stays], tuple(counts[list(within)].tolist()))
+
+
+def sum_by_target(x: Tensor, source: Tensor, target: Tensor, n_targets: int) -> Tensor:
+    """Σ over the edges into each target of the source's row of x.
+
+    Gather and sum in one kernel, never holding a row for each edge: up to ten times as fast on a CPU as
+    ``index_select`` and ``index_add``, with the same order of summation.
+
+    Args:
+        x: (n, D) float32.
+        source: (E,) int64, rows of x.
+        target: (E,) int64, ascending.
+        n_targets: how many rows are wanted.
+
+    Returns:
+        (n_targets, D) float32.
+
+    """
+    starts = torch.searchsorted(target, torch.arange(n_targets, device=target.device))
+    return F.embedding_bag(source, x, starts, mode="sum")
 
 
 class Linear(nn.Linear):
@@ -99,15 +123,15 @@ class SumLayer(nn.Module):
         Args:
             x: (n, inputs) float32, every node that a source or a target names.
             source: (E,) int64, rows of x.
-            target: (E,) int64, < n_targets.
+            target: (E,) int64, ascending, < n_targets.
             n_targets: how many rows (a prefix of x) are wanted.
 
         Returns:
             (n_targets, outputs) float32. In training mode batch norm takes its statistics from these rows.
 
         """
-        # index_select and not x[source]: several times faster on one CPU thread
-        summed = x.new_zeros(n_targets, x.shape[1]).index_add_(0, target, x.index_select(0, source))
-        y: Tensor = torch.addmm(self.message(summed), x[:n_targets], self.root.weight.t())
+        y: Tensor = torch.addmm(
+            self.message(sum_by_target(x, source, target, n_targets)), x[:n_targets], self.root.weight.t()
+        )
         normed: Tensor = self.norm(torch.tanh(y))
         return normed

@@ -1,9 +1,12 @@
+import itertools
+from dataclasses import replace
+
 import pytest
 import torch
 from graph_batches import ego_batch, random_world
 from torch_geometric.nn import GraphConv
 
-from semloc_core.encoder.layers import Linear, SumLayer, trim
+from semloc_core.encoder.layers import Linear, SumLayer, sum_by_target, trim
 from semloc_core.errors import ModelError
 
 
@@ -42,6 +45,33 @@ def test_trim_with_keep_equals_filtering_each_prefix() -> None:
         source, target = batch.edge_index[:, : batch.edges_within[hops]]
         stays = keep[source] & keep[target]
         assert torch.equal(torch.stack(trimmed.reaching(hops)), torch.stack([source[stays], target[stays]]))
+
+
+def test_edges_in_any_order_are_sorted_within_their_hop() -> None:
+    """The kernel that sums needs ascending targets; a batch promises only that hops ascend."""
+    classes, edges, _ = random_world(1)
+    batch = ego_batch(classes, edges, ["p0", "p9"], hops=3, n_classes=4)
+    starts = (0, *batch.edges_within)
+    generator = torch.Generator().manual_seed(0)
+    order = torch.cat([a + torch.randperm(b - a, generator=generator) for a, b in itertools.pairwise(starts)])
+    shuffled = replace(batch, edge_index=batch.edge_index[:, order])
+    expected, found = trim(batch, 3), trim(shuffled, 3)
+    assert (found.target[1:] >= found.target[:-1]).all()
+    for hops in range(3):
+        pairs = [
+            sorted(zip(*(row.tolist() for row in t.reaching(hops)), strict=True)) for t in (expected, found)
+        ]
+        assert pairs[0] == pairs[1]
+    x = torch.randn(batch.n_nodes, 5, generator=generator)
+    sums = x.new_zeros(batch.nodes_within[2], 5).index_add_(0, batch.edge_index[1], x[batch.edge_index[0]])
+    torch.testing.assert_close(sum_by_target(x, *found.reaching(2), batch.nodes_within[2]), sums)
+
+
+def test_targets_without_edges_sum_to_zero() -> None:
+    none = torch.zeros(0, dtype=torch.int64)
+    assert torch.equal(sum_by_target(torch.ones(2, 3), none, none, 2), torch.zeros(2, 3))
+    some = sum_by_target(torch.ones(4, 1), torch.tensor([3, 3]), torch.tensor([1, 1]), 3)
+    assert some.flatten().tolist() == [0.0, 2.0, 0.0]
 
 
 def test_trim_refuses_a_batch_of_too_few_hops() -> None:
