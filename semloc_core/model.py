@@ -19,7 +19,7 @@ from semloc_core.graph_arrays import GraphArrays
 from semloc_core.labelspace import Labelspace
 from semloc_core.place_graph import Batch
 
-ROOTS_AT_ONCE = 256  # places a batch, where each place brings copies of the objects in its reach
+ROOTS_AT_ONCE = 1024  # places a batch, where each place brings copies of the objects in its reach
 
 
 @dataclass(eq=False)
