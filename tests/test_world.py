@@ -99,9 +99,7 @@ def test_no_edge_goes_through_a_wall_or_through_furniture(seed: int) -> None:
     assert edges.shape[1] > 100
     for a, b in edges.T:
         along = points[a] + np.linspace(0, 1, 41)[:, None] * (points[b] - points[a])
-        at_a, at_b = (
-            {r} if r >= 0 else set(plan.doors[-1 - r].rooms) for r in (int(rooms[a]), int(rooms[b]))
-        )
+        at_a, at_b = ({r} if r >= 0 else set(plan.doors[-1 - r].rooms) for r in (int(rooms[a]), int(rooms[b])))
         assert at_a & at_b, "the ends share no room"
         room = plan.rooms[min(at_a & at_b)] if rooms[a] != rooms[b] or rooms[a] >= 0 else None
         if room is not None:

@@ -59,8 +59,7 @@ def evaluate_ablation(
     for n, (name, options) in enumerate(variants):
         made = PaperConfig(**options)
         configs = [
-            msgspec.structs.replace(config, encoder="paper", encoder_options=options, seed=seed)
-            for seed in seeds
+            msgspec.structs.replace(config, encoder="paper", encoder_options=options, seed=seed) for seed in seeds
         ]
         figures = judge_trainings(
             arrays,

@@ -85,9 +85,7 @@ def evaluate_office(
             len(losses) * len(seeds),
         )
         rows += summarise({"method": config.encoder, "loss": loss}, figures)
-    rows += summarise(
-        {"method": "bag_of_words", "loss": None}, judge_baseline(arrays, labelspace, seeds, perturbation)
-    )
+    rows += summarise({"method": "bag_of_words", "loss": None}, judge_baseline(arrays, labelspace, seeds, perturbation))
     return rows
 
 
@@ -142,8 +140,7 @@ def office_variants(
     """The two perturbed variants that a seed is judged on: (query, map)."""
     perturbation = perturbation or PerturbConfig()
     query, reference = (
-        perturb(arrays, labelspace, perturbation, np.random.default_rng([seed, _EVALUATION, n]))
-        for n in (0, 1)
+        perturb(arrays, labelspace, perturbation, np.random.default_rng([seed, _EVALUATION, n])) for n in (0, 1)
     )
     return query, reference
 
@@ -185,8 +182,13 @@ def judge_model(
 
 
 def summarise(keys: Row, figures: Sequence[dict[str, dict[str, float]]]) -> list[Row]:
-    """One row a scope: the keys, the scope, and mean and deviation of each figure over the repetitions."""
-    return [
-        {**keys, "scope": scope, **metrics.mean_and_deviation([found[scope] for found in figures])}
-        for scope in figures[0]
-    ]
+    """One row a scope: the keys, the scope, and mean and deviation of each figure over the repetitions.
+
+    ``queries`` is a count, summed over the repetitions.
+    """
+    rows: list[Row] = []
+    for scope in figures[0]:
+        found = [{name: value for name, value in one[scope].items() if name != "queries"} for one in figures]
+        queries = sum(int(one[scope]["queries"]) for one in figures)
+        rows.append({**keys, "scope": scope, **metrics.mean_and_deviation(found), "queries": queries})
+    return rows

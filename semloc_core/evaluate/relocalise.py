@@ -63,9 +63,7 @@ class Arena:
     @property
     def building(self) -> Ints:
         """(M,) index of the building of each of the database's places."""
-        return np.repeat(np.arange(len(self.maps)), [building.n_places for building in self.maps]).astype(
-            np.int64
-        )
+        return np.repeat(np.arange(len(self.maps)), [building.n_places for building in self.maps]).astype(np.int64)
 
 
 def evaluate_relocalise(
@@ -143,8 +141,7 @@ def read_buildings(root: Path) -> list[Building]:
     if not folders:
         raise FileFormatError(f"expected folders with map.json and query.json in {root} (got none)")
     return [
-        Building(folder.name, read_hydra(folder / "map.json"), read_hydra(folder / "query.json"))
-        for folder in folders
+        Building(folder.name, read_hydra(folder / "map.json"), read_hydra(folder / "query.json")) for folder in folders
     ]
 
 
@@ -183,9 +180,7 @@ def judge_arena(method: str, model: Model, arena: Arena, radius_m: float, seed: 
     return rows + [_row(method, name, found, rng, None) for name, found in zip(names, right, strict=True)]
 
 
-def _row(
-    method: str, scope: str, right: NDArray[np.bool_], rng: np.random.Generator, groups: Ints | None
-) -> Row:
+def _row(method: str, scope: str, right: NDArray[np.bool_], rng: np.random.Generator, groups: Ints | None) -> Row:
     """Figures of the queries (Q, 10), whose matches are right or not."""
     row: Row = {"method": method, "scope": scope, "queries": len(right)}
     for n in metrics.RANKS:

@@ -89,21 +89,13 @@ def _place_in_rooms(plan: FloorPlan, kind: Furniture, items: list[Item], rng: np
             items.append(item)
             left -= 1
         if failures > 4 * len(rooms):
-            raise ConfigError(
-                f"expected room for {kind.count} of {kind.class_} (got {kind.count - left} placed)"
-            )
+            raise ConfigError(f"expected room for {kind.count} of {kind.class_} (got {kind.count - left} placed)")
 
 
 def _place_beside(plan: FloorPlan, kind: Furniture, items: list[Item], rng: np.random.Generator) -> None:
-    hosts = [
-        h
-        for h in items
-        if h.class_ == kind.beside and (not kind.rooms or plan.rooms[h.room].kind in kind.rooms)
-    ]
+    hosts = [h for h in items if h.class_ == kind.beside and (not kind.rooms or plan.rooms[h.room].kind in kind.rooms)]
     if len(hosts) < kind.count:
-        raise ConfigError(
-            f"expected at least {kind.count} of {kind.beside} beside {kind.class_} (got {len(hosts)})"
-        )
+        raise ConfigError(f"expected at least {kind.count} of {kind.beside} beside {kind.class_} (got {len(hosts)})")
     left = kind.count
     for i in rng.permutation(len(hosts)):
         if not left:

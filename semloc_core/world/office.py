@@ -31,9 +31,7 @@ OFFICE_ROOMS = (
 
 # Counts: the paper's Table I. A computer's footprint is its desk's.
 OFFICE_FURNITURE = (
-    Furniture(
-        "computer", 35, "wall", (0.5, 0.4, 0.45), 0.95, rooms=WORK, per_room=(1, 3), footprint=(1.4, 0.75)
-    ),
+    Furniture("computer", 35, "wall", (0.5, 0.4, 0.45), 0.95, rooms=WORK, per_room=(1, 3), footprint=(1.4, 0.75)),
     Furniture("couch", 11, "wall", (1.9, 0.9, 0.8), 0.4, rooms=(*SOCIAL, "meeting"), per_room=(1, 3)),
     Furniture("chair", 28, "beside", (0.6, 0.6, 0.95), 0.48, beside="computer"),
     Furniture("plant", 13, "wall", (0.5, 0.5, 1.2), 0.6, rooms=(*SOCIAL, "meeting", "open plan", CORRIDOR)),
@@ -128,14 +126,9 @@ def make_office(config: OfficeConfig, rng: np.random.Generator) -> World:
                 Place(place_id, (float(x), float(y), float(z)))
                 for place_id, (x, y), z in zip(place_ids, points, heights, strict=True)
             ],
-            objects=[
-                Object(node_id("O", i), item.class_, item.position, item.size) for i, item in enumerate(items)
-            ],
+            objects=[Object(node_id("O", i), item.class_, item.position, item.size) for i, item in enumerate(items)],
             edges=[(place_ids[a], place_ids[b]) for a, b in edges.T]
-            + [
-                (place_ids[_parent(item, plan, points, rooms)], node_id("O", i))
-                for i, item in enumerate(items)
-            ],
+            + [(place_ids[_parent(item, plan, points, rooms)], node_id("O", i)) for i, item in enumerate(items)],
             query_place=None,
         )
     )

@@ -57,9 +57,7 @@ def sample_places(
             clear = outside.any(axis=1)
             darts, apart = darts[clear], apart[clear]
         near_doors = [
-            p
-            for p, owner in zip(points, rooms, strict=True)
-            if owner[0] < 0 and r in plan.doors[-1 - owner[0]].rooms
+            p for p, owner in zip(points, rooms, strict=True) if owner[0] < 0 and r in plan.doors[-1 - owner[0]].rooms
         ]
         kept = np.concatenate([*near_doors, np.empty((len(darts), 2))])
         first = end = len(kept) - len(darts)
@@ -72,9 +70,7 @@ def sample_places(
     return np.concatenate(points), np.concatenate(rooms).astype(np.int64)
 
 
-def traversability(
-    plan: FloorPlan, items: Sequence[Item], points: Floats, rooms: Ints, max_length_m: float
-) -> Ints:
+def traversability(plan: FloorPlan, items: Sequence[Item], points: Floats, rooms: Ints, max_length_m: float) -> Ints:
     """Edges between places with free space between them.
 
     Within a room (convex) the Delaunay edges up to ``max_length_m`` that cross no furniture; a door's place is joined
@@ -100,23 +96,17 @@ def traversability(
         if len(here) >= 4:
             try:
                 triangles = here[Delaunay(points[here]).simplices]
-                candidates = np.concatenate(
-                    [triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [0, 2]]]
-                )
+                candidates = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [0, 2]]])
             except QhullError:  # all places on one line
                 candidates = np.stack([here[:-1], here[1:]], axis=1)
         else:
-            candidates = np.array([(a, b) for a in here for b in here if a < b], dtype=np.int64).reshape(
-                -1, 2
-            )
+            candidates = np.array([(a, b) for a in here for b in here if a < b], dtype=np.int64).reshape(-1, 2)
         edges.update(_free(candidates, in_room, points, max_length_m))
         for d, door in enumerate(plan.doors):
             if r not in door.rooms or len(here) == 0:
                 continue
             for place in np.flatnonzero(rooms == -1 - d):
-                nearest = here[
-                    np.argsort(np.linalg.norm(points[here] - points[place], axis=1), kind="stable")
-                ]
+                nearest = here[np.argsort(np.linalg.norm(points[here] - points[place], axis=1), kind="stable")]
                 pairs = np.stack([np.full(len(nearest), place), nearest], axis=1)
                 edges.update(_free(pairs, in_room, points, max_length_m)[:DOOR_EDGES])
     for d in range(len(plan.doors)):

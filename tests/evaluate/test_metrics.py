@@ -50,10 +50,7 @@ def test_top_equals_a_full_stable_sort() -> None:
 
 def test_top_of_an_empty_map_is_empty() -> None:
     assert metrics.top(np.zeros((3, 0), dtype=np.float32), 5).shape == (3, 0)
-    assert (
-        metrics.hits(np.zeros((3, 0), dtype=np.float32), np.zeros((3, 0), dtype=bool)).tolist()
-        == [[0, 0, 0]] * 3
-    )
+    assert metrics.hits(np.zeros((3, 0), dtype=np.float32), np.zeros((3, 0), dtype=bool)).tolist() == [[0, 0, 0]] * 3
 
 
 def test_equal_embeddings_stay_tied_after_the_product() -> None:
