@@ -56,12 +56,10 @@ class GraphArrays:
         ):
             assert array.shape == shape, (array.shape, shape)
             assert array.dtype == dtype, array.dtype
-        for links, rows in ((self.place_edges, (p, p)), (self.object_parents, (o, p)), (self.sightings, (p, o))):
+        for links in (self.place_edges, self.object_parents, self.sightings):
             assert links.ndim == 2, links.shape
             assert links.shape[0] == 2, links.shape
             assert links.dtype == np.int64, links.dtype
-            for row, count in zip(links, rows, strict=True):
-                assert row.size == 0 or (row.min() >= 0 and row.max() < count), (row.min(), row.max(), count)
 
     @property
     def n_places(self) -> int:

@@ -73,8 +73,8 @@ def test_an_empty_graph_has_arrays_too() -> None:
         ("place_positions", np.zeros((3, 2))),
         ("place_positions", np.zeros((3, 3), dtype=np.float32)),
         ("object_classes", np.zeros(2, dtype=np.int64)),
-        ("place_edges", np.array([[0], [3]])),
-        ("object_parents", np.array([[-1], [0]])),
+        ("place_edges", np.zeros((3, 1), dtype=np.int64)),
+        ("object_parents", np.zeros(2, dtype=np.int64)),
         ("sightings", np.zeros((2, 1))),
     ],
 )
