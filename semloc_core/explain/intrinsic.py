@@ -63,4 +63,5 @@ def _occlusion(encoder: Encoder, batch: Batch, objects: Tensor, similarity: floa
     copies, index = repeat(batch, len(objects))
     keep = torch.ones(copies.n_nodes, dtype=torch.bool)
     keep[index[torch.arange(len(objects)), objects]] = False
-    return similarity - encoder(copies, keep=keep) @ target
+    without: Tensor = encoder(copies, keep=keep) @ target
+    return similarity - without

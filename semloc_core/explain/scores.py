@@ -21,7 +21,8 @@ class ObjectScores:
         classes: O class names.
         scores: (O,) float64, signed; larger means more important for the similarity.
         unattributed: what the method gave to no object (attention kept by places), or None where it has no meaning.
-        completeness_gap: how far the scores' sum is from what it should be, or None where it has no meaning.
+        completeness_gap: what the scores should sum to, minus their sum; None where that has no meaning.
+        standard_error: (O,) float64 of scores that were sampled, or None.
 
     """
 
@@ -31,6 +32,13 @@ class ObjectScores:
     scores: NDArray[np.float64]
     unattributed: float | None = None
     completeness_gap: float | None = None
+    standard_error: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        o = len(self.ids)
+        assert len(self.classes) == o, (len(self.classes), o)
+        assert self.scores.shape == (o,), self.scores.shape
+        assert self.standard_error is None or self.standard_error.shape == (o,), self.standard_error
 
 
 def class_scores(scores: ObjectScores) -> list[ClassAttribution]:
@@ -56,5 +64,10 @@ def class_scores(scores: ObjectScores) -> list[ClassAttribution]:
 
 def object_scores(scores: ObjectScores) -> list[ObjectAttribution]:
     """One entry an object, by falling score, then by id."""
-    order: Sequence[int] = sorted(range(len(scores.ids)), key=lambda i: (-float(scores.scores[i]), scores.ids[i]))
-    return [ObjectAttribution(id=scores.ids[i], class_=scores.classes[i], score=float(scores.scores[i])) for i in order]
+    order: Sequence[int] = sorted(
+        range(len(scores.ids)), key=lambda i: (-float(scores.scores[i]), scores.ids[i])
+    )
+    return [
+        ObjectAttribution(id=scores.ids[i], class_=scores.classes[i], score=float(scores.scores[i]))
+        for i in order
+    ]

@@ -1,0 +1,274 @@
+"""What every explainer asks: the similarity of a changed query to one map place.
+
+A function and not a model class, so that a model from elsewhere can be explained through it too. Zeroing a feature
+and removing a node are different things: a zeroed node still counts in a sum and in a softmax.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from semloc_core.encoder.base import Encoded, Encoder
+from semloc_core.errors import ModelError
+from semloc_core.explain.intrinsic import intrinsic_scores
+from semloc_core.explain.scores import ObjectScores
+from semloc_core.place_graph import Batch, repeat
+
+NODES_AT_ONCE = 2**13
+"""Nodes in one union of copies: beyond a few thousand nothing gets faster, and memory would grow without bound."""
+
+
+class Similarity(Protocol):
+    """Similarity of K perturbed queries to one map place."""
+
+    def __call__(self, features: Tensor | None = None, keep: Tensor | None = None) -> Tensor:
+        """Evaluate K variants of the query; one of the two must be given, and both must agree in K.
+
+        Args:
+            features: (K, N, C) float32 node features; None: the query's own. Gradients flow to them.
+            keep: (K, N) bool; nodes where it is false are removed from that variant. None: all stay.
+
+        Returns:
+            (K,) similarities.
+
+        """
+
+
+class PerturbedEncoder:
+    """Embeds many variants of one query place at once: their disjoint union is one batch.
+
+    Args:
+        encoder: in eval mode.
+        batch: one query place, N nodes.
+        nodes_at_once: variants are encoded in portions of about so many nodes (at least one variant at a time).
+
+    Raises:
+        ModelError: a batch of more places than one, or an encoder that is being trained.
+
+    """
+
+    def __init__(self, encoder: Encoder, batch: Batch, nodes_at_once: int = NODES_AT_ONCE) -> None:
+        if batch.n_roots != 1:
+            raise ModelError(f"expected a batch of one query place (got {batch.n_roots})")
+        if encoder.training and encoder.trainable:
+            raise ModelError("expected an encoder in eval mode (got one in training mode)")
+        with torch.inference_mode(False):
+            self.batch = _with_gradients_allowed(batch)
+        self._encoder = encoder
+        self._portion = max(1, nodes_at_once // max(1, batch.n_nodes))
+        self._copies = lru_cache(maxsize=4)(self._make_copies)
+
+    def embed(self, features: Tensor | None = None, keep: Tensor | None = None) -> Tensor:
+        """Embed K variants; arguments as of `Similarity`.
+
+        Returns:
+            (K, D) float32. Gradients are recorded only where ``features`` wants them.
+
+        Raises:
+            ModelError: neither is given, or shapes or types are not as said.
+
+        """
+        k = self._check(features, keep)
+        wants_gradient = features is not None and features.requires_grad
+        with torch.inference_mode(False), torch.set_grad_enabled(wants_gradient):
+            parts = [
+                self._embed(features, keep, start, min(start + self._portion, k))
+                for start in range(0, k, self._portion)
+            ]
+            return parts[0] if len(parts) == 1 else torch.cat(parts)
+
+    def _embed(self, features: Tensor | None, keep: Tensor | None, start: int, stop: int) -> Tensor:
+        copies, order = self._copies(stop - start)
+        if features is not None:
+            copies = copies.with_features(features[start:stop].flatten(0, 1).index_select(0, order))
+        kept = keep[start:stop].flatten().index_select(0, order) if keep is not None else None
+        return self._encoder(copies, keep=kept)  # type: ignore[no-any-return]  # nn.Module's call is untyped
+
+    def _make_copies(self, k: int) -> tuple[Batch, Tensor]:
+        """The union of k copies, and for each of its rows where the node is in (k, N) order."""
+        copies, rows = repeat(self.batch, k)
+        order = torch.empty(rows.numel(), dtype=torch.int64)
+        order[rows.flatten()] = torch.arange(rows.numel())
+        return copies, order
+
+    def _check(self, features: Tensor | None, keep: Tensor | None) -> int:
+        n, c = self.batch.features.shape
+        given = [x for x in (features, keep) if x is not None]
+        if not given:
+            raise ModelError("expected features or nodes to keep (got neither)")
+        k = int(given[0].shape[0])
+        if features is not None and (tuple(features.shape) != (k, n, c) or features.dtype != torch.float32):
+            raise ModelError(
+                f"expected float32 features ({k}, {n}, {c}) (got {features.dtype} {tuple(features.shape)})"
+            )
+        if keep is not None and (tuple(keep.shape) != (k, n) or keep.dtype != torch.bool):
+            raise ModelError(f"expected a boolean mask ({k}, {n}) (got {keep.dtype} {tuple(keep.shape)})")
+        return k
+
+
+@dataclass(frozen=True, eq=False)
+class SimilarityQuery:
+    """One query place and one map place, for explainers to ask about.
+
+    Args:
+        ids: O object ids.
+        classes: O class names.
+        rows: (O,) int64, which nodes the objects are.
+        features: (N, C) float32, the query as it is.
+        function: the similarity under perturbation; cosine for unit embeddings.
+        intrinsic: what the model itself says of its objects (attention), where it says anything.
+        known: the similarity of the query as it is, where the caller has it already.
+
+    """
+
+    ids: tuple[str, ...]
+    classes: tuple[str, ...]
+    rows: Tensor
+    features: Tensor
+    function: Similarity
+    intrinsic: Callable[[], ObjectScores] | None = None
+    known: float | None = None
+
+    def __post_init__(self) -> None:
+        assert len(self.ids) == len(self.classes) == len(self.rows), (len(self.ids), len(self.classes))
+        assert self.features.ndim == 2, self.features.shape
+
+    @classmethod
+    def from_encoder(
+        cls,
+        encoder: Encoder,
+        batch: Batch,
+        target: Tensor,
+        class_names: Sequence[str],
+        encoded: Encoded | None = None,
+        nodes_at_once: int = NODES_AT_ONCE,
+    ) -> SimilarityQuery:
+        """Ask an encoder.
+
+        Args:
+            encoder: in eval mode.
+            batch: one query place, N nodes.
+            target: (D,) embedding of the map place.
+            class_names: N names; those of places are not read.
+            encoded: what the encoder made of ``batch``, where that is known: saves a pass.
+            nodes_at_once: see `PerturbedEncoder`.
+
+        Raises:
+            ModelError: as of `PerturbedEncoder`, or a target of another dimension.
+
+        """
+        if tuple(target.shape) != (encoder.dimension,):
+            raise ModelError(
+                f"expected a target of {encoder.dimension} numbers (got shape {tuple(target.shape)})"
+            )
+        perturbed = PerturbedEncoder(encoder, batch, nodes_at_once)
+        with torch.inference_mode(False):
+            target = target.clone() if target.is_inference() else target
+
+        def similarity(features: Tensor | None = None, keep: Tensor | None = None) -> Tensor:
+            with torch.inference_mode(False):
+                return perturbed.embed(features, keep) @ target
+
+        def intrinsic() -> ObjectScores:
+            if encoded is not None:
+                return intrinsic_scores(encoder, batch, encoded, tuple(class_names), target)
+            with torch.inference_mode():
+                return intrinsic_scores(encoder, batch, encoder.encode(batch), tuple(class_names), target)
+
+        rows = torch.nonzero(perturbed.batch.is_object).flatten()
+        return cls(
+            ids=tuple(batch.node_ids[i] for i in rows.tolist()),
+            classes=tuple(class_names[i] for i in rows.tolist()),
+            rows=rows,
+            features=perturbed.batch.features,
+            function=similarity,
+            intrinsic=intrinsic,
+            known=float(encoded.embedding[0] @ target) if encoded is not None else None,
+        )
+
+    @property
+    def n_objects(self) -> int:
+        """O."""
+        return len(self.ids)
+
+    @cached_property
+    def full(self) -> float:
+        """Similarity of the query as it is."""
+        if self.known is not None:
+            return self.known
+        with torch.no_grad():
+            return float(self.function(self.features[None])[0])
+
+    @cached_property
+    def class_players(self) -> tuple[tuple[str, ...], NDArray[np.int64]]:
+        """Names of the classes present, sorted, and (O,) which of them each object has."""
+        names = tuple(sorted(set(self.classes)))
+        number = {name: i for i, name in enumerate(names)}
+        return names, np.array([number[name] for name in self.classes], dtype=np.int64)
+
+    def of_objects(self, present: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Similarity when only some objects are there; places always stay.
+
+        Args:
+            present: (K, O) bool. Rows that are equal are evaluated once.
+
+        Returns:
+            (K,) float64.
+
+        """
+        if len(present) == 0:
+            return np.zeros(0)
+        packed = np.packbits(present, axis=1)
+        if packed.shape[1] == 0:  # no object: every variant is the query itself
+            packed = np.zeros((len(present), 1), dtype=np.uint8)
+        _, first, back = np.unique(
+            np.ascontiguousarray(packed).view(f"V{packed.shape[1]}")[:, 0],
+            return_index=True,
+            return_inverse=True,
+        )
+        keep = torch.ones(len(first), self.features.shape[0], dtype=torch.bool)
+        keep[:, self.rows] = torch.from_numpy(present[first])
+        with torch.no_grad():
+            values = self.function(None, keep)
+        found: NDArray[np.float64] = values.detach().double().cpu().numpy()[back.reshape(-1)]
+        return found
+
+    def of_features(self, features: Tensor) -> tuple[NDArray[np.float64], Tensor]:
+        """Similarity under K feature matrices (K, N, C), and its gradient by them (K, N, C)."""
+        with torch.inference_mode(False), torch.enable_grad():
+            leaf = features.detach().clone().requires_grad_(True)
+            values = self.function(leaf, None)
+            (gradient,) = torch.autograd.grad(values.sum(), leaf)
+        return values.detach().double().cpu().numpy(), gradient
+
+    def scores(
+        self,
+        method: str,
+        values: NDArray[np.float64],
+        standard_error: NDArray[np.float64] | None = None,
+        completeness_gap: float | None = None,
+    ) -> ObjectScores:
+        """Wrap (O,) values as this query's scores."""
+        return ObjectScores(
+            method=method,
+            ids=self.ids,
+            classes=self.classes,
+            scores=np.asarray(values, dtype=np.float64),
+            standard_error=standard_error,
+            completeness_gap=completeness_gap,
+        )
+
+
+def _with_gradients_allowed(batch: Batch) -> Batch:
+    """Tensors made in inference mode can't be saved for a backward pass: copy those."""
+    names = ("features", "edge_index", "edge_length", "is_object", "graph")
+    inference = {name: x.clone() for name in names if (x := getattr(batch, name)).is_inference()}
+    return replace(batch, **inference) if inference else batch
