@@ -105,6 +105,7 @@ class Localiser:
         self._seq, self._stamp_ns = 0, 0
         self._explained_ns: int | None = None
         self._visibility: Visibility | None = None
+        self._model_info = ModelInfo(name=self.map.model.encoder.name, hash=self.map.model.hash)
         self._index = RadiusIndex(self.map.positions, self.map.building_index, MATCH_RADIUS_M)
 
     def update(self, update: SceneGraphUpdate | bytes | str) -> Localisation:
@@ -267,7 +268,6 @@ class Localiser:
         matches: list[Match] | None = None,
         rivals: list[Match] | None = None,
     ) -> PlaceMatches:
-        model = self.map.model
         return PlaceMatches(
             schema="semloc/place_matches/1",
             stamp_ns=query.stamp_ns,
@@ -279,7 +279,7 @@ class Localiser:
             raw_matches=None,
             rivals=rivals or [],
             map=MapInfo(name=self.map.name, hash=self.map.hash, places=len(self.map.place_ids)),
-            model=ModelInfo(name=model.encoder.name, hash=model.hash),
+            model=self._model_info,
             calibrated=False,
             latency_ms=None,
         )

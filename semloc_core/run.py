@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Iterable, Iterator
+from itertools import chain, islice
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -84,9 +85,10 @@ def write_run(path: str | Path, steps: Iterable[RecordedStep], *, compression: C
         BagError: the bag can't be written.
 
     """
-    count = 0
+    count, steps = 0, iter(steps)
+    first = list(islice(steps, 1))  # what can't begin leaves no bag behind
     with BagWriter(path, compression=compression) as bag:
-        for step in steps:
+        for step in chain(first, steps):
             stamp_ns = step.update.stamp_ns
             bag.write_string(SCENE_GRAPH_TOPIC, stamp_ns, wire.encode(step.update))
             bag.write_point(GROUND_TRUTH_TOPIC, stamp_ns, step.update.frame_id, step.position)

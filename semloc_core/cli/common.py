@@ -85,7 +85,8 @@ def report_unknown_classes(unknown: dict[str, int], where: str) -> None:
 def progress(description: str) -> Iterator[Callable[[int, int, str], None]]:
     """A progress bar on stderr; call what it yields with (done, total, a few words)."""
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[words]}"), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    screen = Console(stderr=True)
+    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
         task = bar.add_task(description, total=None, words="")
 
         def step(done: int, total: int, words: str = "") -> None:
