@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from semloc_core.geodesic import edge_length
+from semloc_core.place_index import PlaceIndex
 from semloc_core.update_check import check_update
 from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
 
@@ -54,6 +55,7 @@ class SceneGraph:
     sighted: dict[str, set[str]] = field(default_factory=dict)
     query_place: str | None = None
     version: int = 0
+    _index: PlaceIndex | None = field(default=None, compare=False, repr=False)
 
     @classmethod
     def from_update(cls, update: SceneGraphUpdate) -> SceneGraph:
@@ -92,11 +94,18 @@ class SceneGraph:
         change = self._replace(update) if update.full else self._amend(update)
         self.query_place = update.query_place
         self.version += 1
+        if self._index is not None:
+            self._index.update(self.neighbours, change.places.union(*change.edges))
         return change
 
-    def to_update(
-        self, seq: int, stamp_ns: int, frame_id: str, query_place: str | None = None
-    ) -> SceneGraphUpdate:
+    @property
+    def index(self) -> PlaceIndex:
+        """The traversability graph laid out for fast search; made when first asked for, then kept up to date."""
+        if self._index is None:
+            self._index = PlaceIndex(self.neighbours)
+        return self._index
+
+    def to_update(self, seq: int, stamp_ns: int, frame_id: str, query_place: str | None = None) -> SceneGraphUpdate:
         """The whole graph as a full update, in canonical order (ids sorted as strings).
 
         Args:

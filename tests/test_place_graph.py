@@ -2,6 +2,7 @@
 
 import random
 from collections import defaultdict
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from semloc_core.encoder.base import Extraction
 from semloc_core.errors import GraphError, LabelspaceError
 from semloc_core.graph_arrays import GraphArrays
+from semloc_core.hydra import read_hydra
 from semloc_core.labelspace import Labelspace
 from semloc_core.place_graph import (
     Batch,
@@ -27,7 +29,7 @@ from semloc_core.place_graph import (
     whole_graph_batch,
 )
 from semloc_core.scene_graph import SceneGraph
-from semloc_core.visibility import Visibility
+from semloc_core.visibility import Visibility, visible_pairs
 from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 LABELS = Labelspace("test", ("chair", "couch", "box"))
@@ -302,3 +304,37 @@ def test_unions_that_make_no_sense_are_refused() -> None:
         union([])
     with pytest.raises(GraphError, match=r"at least one copy of a batch \(got 0\)"):
         repeat(BATCHES["ego"](), 0)
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("file", ["goseek/office.json", "hydra/apartment_long.json"])
+def test_a_real_building_fed_bit_by_bit_equals_the_whole(data_root: Path, file: str) -> None:
+    """What is kept up to date update by update gives the batches of the building frozen at once."""
+    hydra = read_hydra(data_root / file)
+    space = Labelspace("all", tuple(sorted({o.class_ for o in hydra.graph.objects.values()})))
+    message = hydra.graph.to_update(0, 0, "map")
+    graph = SceneGraph()
+    visibility = Visibility(graph, 4.0)
+    known: set[str] = set()
+    for start in range(0, len(message.places), 150):
+        places = message.places[start : start + 150]
+        known |= {p.id for p in places}
+        edges = [e for e in message.edges if known.issuperset(n for n in e if n in hydra.graph.places)]
+        ends = {n for e in edges for n in e}
+        objects = [o for o in message.objects if o.id in ends]
+        visibility.update(graph.apply(update(places, objects, edges)))
+        reach_batch(graph, space, [places[0].id], 30.0)
+    arrays = GraphArrays.from_scene_graph(hydra.graph, space)
+    pairs, distances = visible_pairs(arrays, 4.0)
+    kept = {(p, o): d for p in graph.places for o, d in visibility.objects_of(p).items()}
+    named = [(arrays.place_ids[p], arrays.object_ids[o]) for p, o in pairs.T.tolist()]
+    assert kept == dict(zip(named, distances.tolist(), strict=True))
+    rows = list(range(0, arrays.n_places, 100))
+    roots = [arrays.place_ids[i] for i in rows]
+    stars = reach_all_batch(arrays, len(space), 30.0, np.array(rows))
+    assert_equal(reach_batch(graph, space, roots, 30.0), stars)
+    whole = whole_graph_batch(arrays, len(space), 2, 4.0)
+    for row, root in zip(rows[:4], roots[:4], strict=True):
+        batch = ego_batch(graph, visibility, space, [root], 2)
+        check(batch)
+        assert set(batch.node_ids) == in_hops(whole, row, 2)

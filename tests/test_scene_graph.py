@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from semloc_core.errors import GraphError
+from semloc_core.geodesic import ball
 from semloc_core.scene_graph import Change, SceneGraph
 from semloc_core.wire import Object, Place, SceneGraphUpdate
 
@@ -244,6 +245,15 @@ class AppliedEqualsRebuilt(RuleBasedStateMachine):
         assert content(self.graph) == content(rebuilt)
 
     @invariant()
+    def the_index_finds_the_same_distances(self) -> None:
+        slots = self.graph.index.slots
+        assert slots.keys() == self.graph.places.keys()
+        for place in self.graph.places:
+            distances = self.graph.index.distances(place, 3.0)
+            within = {other: distances[slot] for other, slot in slots.items() if distances[slot] <= 3.0}
+            assert within == ball(self.graph.neighbours, place, 3.0)
+
+    @invariant()
     def its_own_full_update_makes_it_again(self) -> None:
         message = self.graph.to_update(3, 7, "map")
         again = SceneGraph.from_update(message)
@@ -280,3 +290,11 @@ def test_a_delta_costs_the_same_in_a_large_graph() -> None:
         return best
 
     assert cost(20_000) < 10 * cost(20)  # a thousand times the size; a copy of the graph would cost that much
+
+
+def test_the_index_of_a_graph_that_churns_does_not_grow() -> None:
+    graph = row_graph()
+    for i in range(50):
+        new = f"new{i}"
+        graph.apply(update([Place(new, (1.0, 1.0, 0.0))], edges=[(new, "a")], removed_nodes=[f"new{i - 1}"]))
+        assert len(graph.index.distances("a", 9.0)) <= 4 + 1

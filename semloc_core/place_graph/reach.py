@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.geodesic import ball, ranges
+from semloc_core.geodesic import ranges
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.labelspace import Labelspace
 from semloc_core.place_graph.batch import Batch, batch_of_arrays
@@ -82,13 +83,15 @@ def reach_all_batch(
 
 
 def _objects_in_reach(graph: SceneGraph, root: str, radius_m: float) -> dict[str, float]:
-    distances = ball(graph.neighbours, root, radius_m)
+    distances = graph.index.distances(root, radius_m)
+    slots = graph.index.slots
     star: dict[str, float] = {}
-    for place in distances.keys() & graph.children.keys():
-        distance = distances[place]
-        for child in graph.children[place]:
-            if distance < star.get(child, np.inf):
-                star[child] = distance
+    for place, children in graph.children.items():
+        distance = distances[slots[place]]
+        if distance <= radius_m:
+            for child in children:
+                if distance < star.get(child, math.inf):
+                    star[child] = distance
     return star
 
 
