@@ -1,0 +1,64 @@
+"""``semloc report``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from semloc_core.cli.common import console
+
+app = typer.Typer(
+    no_args_is_help=True, help="Make pages and pictures of what was measured; they open without a network."
+)
+
+Results = Annotated[
+    Path, typer.Argument(metavar="RESULTS", help="A bag of answers: written by `semloc replay -o`, or recorded.")
+]
+MapOption = Annotated[Path, typer.Option("--map", metavar="MAP", help="The map database that answered.")]
+RunOption = Annotated[
+    Path | None, typer.Option("--run", metavar="RUN", help="Take the ground truth from this bag, not from RESULTS.")
+]
+NodeOption = Annotated[
+    str, typer.Option("--node", metavar="NAME", help="Name of the node; its answers are on NAME/matches.")
+]
+
+
+@app.command("replay")
+def replay(
+    results: Results,
+    map_file: MapOption,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="HTML", help="Where to write the page.")],
+    run: RunOption = None,
+    node: NodeOption = "/localiser",
+) -> None:
+    """One HTML page of a replay: floor plan with path and matches, statuses, confidence, class shares, confusions."""
+    from semloc_core.map_database import load
+    from semloc_core.report.replay_data import read_results
+    from semloc_core.report.replay_report import replay_page
+
+    loaded = load(map_file)
+    data = read_results(results, loaded, run=run, node=node)
+    text = replay_page(data, loaded, results.name)
+    output.write_text(text, encoding="utf-8", newline="\n")
+    console.print(f"{output}: {data.answers} answers, {len(text.encode()) / 1e3:.0f} kB")
+
+
+@app.command("picture")
+def picture(
+    results: Results,
+    map_file: MapOption,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="PNG", help="Where to write the picture.")],
+    run: RunOption = None,
+    node: NodeOption = "/localiser",
+) -> None:
+    """One picture of a replay's clearest answer: floor plan, path, top match, and the classes that carried it."""
+    from semloc_core.map_database import load
+    from semloc_core.report.picture import answer_picture
+    from semloc_core.report.replay_data import read_results
+
+    loaded = load(map_file)
+    content = answer_picture(read_results(results, loaded, run=run, node=node), loaded)
+    output.write_bytes(content)
+    console.print(f"{output}: {len(content) / 1e3:.0f} kB")

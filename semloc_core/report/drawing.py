@@ -1,0 +1,112 @@
+"""A matplotlib figure as SVG text for a page, or as PNG: the same bytes for the same figure."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from semloc_core.report.colours import INK
+
+WIDTH = 5.6
+"""Inches. Drawn this narrow, a figure's text is still read when it is scaled to a telephone's width."""
+# Any: which keys and values matplotlib's stubs allow differs from version to version.
+_STYLE: Any = {
+    "font.family": ["DejaVu Sans", "sans-serif"],
+    "font.size": 10.5,
+    "axes.titlesize": 11,
+    "axes.labelsize": 10.5,
+    "text.color": INK,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "hatch.linewidth": 0.6,
+    # A class may be called `$x_2$`: names are text, not formulae.
+    "text.parse_math": False,
+    # Text stays text: it can be read aloud, searched, and tested.
+    "svg.fonttype": "none",
+    "svg.hashsalt": "semloc",
+    "path.simplify": True,
+}
+
+
+@contextmanager
+def figure(height: float, width: float = WIDTH) -> Iterator[Figure]:
+    """A new figure in the report's style; draw in it inside the ``with`` block.
+
+    Args:
+        height: inches.
+        width: inches.
+
+    """
+    with matplotlib.rc_context(_STYLE):
+        drawn = Figure(figsize=(width, height), layout="constrained")
+        drawn.patch.set_alpha(0.0)
+        yield drawn
+
+
+def bare(axes: Axes) -> None:
+    """Lines of a grid in place of a frame."""
+    axes.patch.set_alpha(0.0)
+    axes.grid(True, color=INK, alpha=0.12, linewidth=0.6)
+    axes.set_axisbelow(True)
+
+
+def shown(name: str) -> str:
+    """A name as a legend takes it: matplotlib leaves out labels that begin with an underscore."""
+    return f"\u200b{name}" if name.startswith("_") else name
+
+
+def to_svg(drawn: Figure, key: str, description: str) -> str:
+    """An ``<svg>`` element to put into a page: no fixed size, ids of its own, the page's text colour, no date.
+
+    Args:
+        drawn: the figure.
+        key: unique in the page; prefixes every id.
+        description: plain text, read out in place of the picture.
+
+    """
+    with matplotlib.rc_context(_STYLE):
+        stream = io.StringIO()
+        drawn.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    text = stream.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r"\s*<defs>\s*<style[^>]*>.*?</style>\s*</defs>", "", text, count=1, flags=re.DOTALL)
+    text = re.sub(r'\bid="', f'id="{key}-', text)
+    text = re.sub(r"url\(#", f"url(#{key}-", text)
+    text = re.sub(r'xlink:href="#', f'href="#{key}-', text)
+    text = re.sub(r"xlink:href=", "href=", text)
+    text = re.sub(r'(?<= d=")[^"]*|(?<= x=")[^"]*|(?<= y=")[^"]*', _rounded, text)
+    text = re.sub(re.escape(INK), "currentColor", text, flags=re.IGNORECASE)
+    view = re.search(r'viewBox="[^"]*"', text)
+    assert view is not None
+    opening = f'<svg class="drawing" {view.group(0)} role="img" aria-label="{_attribute(description)}">'
+    return opening + text[text.index(">") + 1 :].rstrip()
+
+
+def to_png(drawn: Figure, dots_per_inch: int = 100) -> bytes:
+    """A PNG on white."""
+    with matplotlib.rc_context(_STYLE):
+        stream = io.BytesIO()
+        drawn.savefig(stream, format="png", dpi=dots_per_inch, facecolor="white", metadata={"Software": None})
+    return stream.getvalue()
+
+
+def _rounded(numbers: re.Match[str]) -> str:
+    """Coordinates to a hundredth of a point: a fourth of the page's size is digits that nobody can see."""
+    return " ".join(re.sub(r"-?\d+\.\d{3,}", lambda n: f"{float(n.group()):.2f}", numbers.group()).split())
+
+
+def _attribute(text: str) -> str:
+    return text.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
