@@ -21,8 +21,10 @@ class LocaliserConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
 
     top_n: Annotated[int, Meta(ge=1, le=100, description="how many places a match message lists")] = 10
     explainer: Annotated[
-        Literal["attention"],
-        Meta(description="how objects are credited; an encoder without attention answers in closed form"),
+        Literal["attention", "integrated_gradients", "saliency", "shapley_sampling", "class_shapley"],
+        Meta(
+            description="how objects are credited; for attention, an encoder without it answers in closed form",
+        ),
     ] = "attention"
     explain_rate_hz: Annotated[
         float,

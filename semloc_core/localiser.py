@@ -17,7 +17,9 @@ from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
 from semloc_core.encoder.base import Encoded
 from semloc_core.errors import SemlocError
 from semloc_core.explain import class_scores, object_scores
-from semloc_core.explain.intrinsic import intrinsic_scores
+from semloc_core.explain.explainers import explain
+from semloc_core.explain.fidelity import own_fidelity
+from semloc_core.explain.similarity import SimilarityQuery
 from semloc_core.map_database import LoadedMap
 from semloc_core.place_graph import Batch, extract
 from semloc_core.posterior import CANDIDATES, RIVAL_RATIO, modes, place_probabilities
@@ -34,6 +36,9 @@ from semloc_core.wire import (
     Status,
     decode_update,
 )
+
+EXPLAINER_SEED = 0
+"""Explainers that sample start from it at every answer: a replay explains as the node did, also from its middle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +134,24 @@ class Localiser:
         attributions = self.explain(located) if self.due(located) else None
         return Localisation(outcome, located, attributions)
 
+    def take_over(self, other: Localiser) -> None:
+        """Go on with another localiser's stream, under this one's map and options: no update is missed.
+
+        The other must not be used any more.
+        """
+        self.stream, self._seq, self._stamp_ns = other.stream, other._seq, other._stamp_ns
+        self._explained_ns, graph = other._explained_ns, other.stream.graph
+        self._visibility = None
+        self.unknown_classes.clear()
+        if graph is None:
+            return
+        radius_m = self.map.model.encoder.extraction.visibility_m
+        same = other.map.model.encoder.extraction.visibility_m == radius_m
+        self._visibility = other._visibility if same else Visibility(graph, radius_m)
+        for item in graph.objects.values():
+            if self.map.model.labelspace.index(item.class_) < 0:
+                self.unknown_classes[item.class_] += 1
+
     # -- 1. the update into the graph -----------------------------------------------------------------------
 
     def apply(self, update: SceneGraphUpdate | bytes | str) -> Outcome:
@@ -153,9 +176,14 @@ class Localiser:
 
     # -- 2. the query place, embedded and looked up ---------------------------------------------------------
 
-    def locate(self) -> Located:
-        """Answer for the graph as it is now."""
-        query = self._embed()
+    def locate(self, place: str | None = None) -> Located:
+        """Answer for the graph as it is now.
+
+        Args:
+            place: asked for instead of the query place.
+
+        """
+        query = self._embed(place)
         if query.encoded is None:
             status: Status = "no_graph" if self.stream.graph is None or not len(self.map.place_ids) else "unknown"
             return Located(query, self._message(query, status), self.map)
@@ -181,15 +209,18 @@ class Localiser:
         )
         return Located(query, message, self.map, best)
 
-    def _embed(self) -> Query:
+    def _embed(self, place: str | None) -> Query:
         """Find the query place, extract its surroundings, encode them."""
         graph, model = self.stream.graph, self.map.model
-        place = graph.query_place if graph is not None else None
+        if place is None and graph is not None:
+            place = graph.query_place
         query = Query(self._stamp_ns, self._seq, place)
         if graph is None or self._visibility is None or not len(self.map.place_ids):
             return query
         if place is None:
             return _because(query, "no query place")
+        if place not in graph.places:
+            return _because(query, "the place asked for is not in the graph")
         if not graph.neighbours[place]:
             return _because(query, "the query place is isolated")
         batch = extract(graph, self._visibility, model.labelspace, [place], model.encoder.extraction)
@@ -220,7 +251,9 @@ class Localiser:
         return True
 
     def explain(self, located: Located) -> ClassAttributions:
-        """Say which classes and objects carried an answer. Reads nothing that later updates change.
+        """Say which classes and objects carried an answer, and how well that holds when put to the test.
+
+        Reads nothing that later updates change.
 
         Raises:
             SemlocError: there is nothing to explain: the answer has no match.
@@ -230,7 +263,10 @@ class Localiser:
         if located.best_row is None or query.batch is None or query.encoded is None:
             raise SemlocError(f"expected an answer with a match to explain (got {located.matches.status})")
         target = torch.from_numpy(located.map.embeddings[located.best_row])
-        scores = intrinsic_scores(located.map.model.encoder, query.batch, query.encoded, query.class_names, target)
+        question = SimilarityQuery.from_encoder(
+            located.map.model.encoder, query.batch, target, query.class_names, query.encoded
+        )
+        scores = explain(question, self.config.explainer, np.random.default_rng(EXPLAINER_SEED))
         best = located.matches.matches[0]
         return ClassAttributions(
             schema="semloc/class_attributions/1",
@@ -244,7 +280,7 @@ class Localiser:
             classes=class_scores(scores),
             objects=object_scores(scores),
             unattributed=scores.unattributed,
-            fidelity=None,
+            fidelity=own_fidelity(question, scores),
             completeness_gap=scores.completeness_gap,
         )
 

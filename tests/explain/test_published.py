@@ -1,0 +1,37 @@
+"""What the localiser publishes with its answer: by any explainer, with its own fidelity, the same each time."""
+
+import pytest
+from small_building import building_update, make_map, make_model
+
+from semloc_core import wire
+from semloc_core.config import LocaliserConfig, options
+from semloc_core.explain.explainers import EXPLAINERS
+from semloc_core.explain.fidelity import BUDGET
+from semloc_core.localiser import Localiser
+
+
+@pytest.fixture(scope="module", params=["paper", "rings"])
+def home(request, tmp_path_factory):
+    folder = tmp_path_factory.mktemp(request.param)
+    return make_map(folder / "home.map", make_model(request.param), home=building_update())
+
+
+def test_every_explainer_can_be_configured():
+    (option,) = [option for option in options(LocaliserConfig) if option.name == "explainer"]
+    assert set(option.choices) == set(EXPLAINERS)
+    assert option.default == "attention"
+
+
+@pytest.mark.parametrize("explainer", sorted(EXPLAINERS))
+def test_attributions_carry_their_own_fidelity(home, explainer):
+    config = LocaliserConfig(explainer=explainer)
+    why = Localiser(home, config).update(building_update(seed=3)).attributions
+    again = Localiser(home, config).update(building_update(seed=3)).attributions
+    assert wire.encode(why) == wire.encode(again)
+    assert why.method == (
+        explainer if explainer != "attention" or home.model.encoder.name == "paper" else "closed_form"
+    )
+    assert why.fidelity.budget == BUDGET
+    for figure in (why.fidelity.necessity, why.fidelity.sufficiency, why.fidelity.characterisation):
+        assert 0 <= figure <= 1
+    assert (why.completeness_gap is None) == (why.method in ("attention", "saliency"))
