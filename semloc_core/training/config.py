@@ -80,6 +80,18 @@ class TrainConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     triplet_margin: Annotated[
         float, Meta(gt=0.0, le=2.0, description="margin of the triplet loss, a distance of unit vectors")
     ] = 0.2
+    triplet_mining: Annotated[
+        Literal["hard_negative", "batch_hard"],
+        Meta(description="each positive, or only the farthest one, against the nearest negative"),
+    ] = "hard_negative"
+    triplet_gap_m: Annotated[
+        float,
+        Meta(
+            ge=0.0,
+            le=1000.0,
+            description="how far beyond the positive radius the triplet loss's negatives begin, in m",
+        ),
+    ] = 4.0
     temperature: Annotated[float, Meta(gt=0.0, le=10.0, description="temperature T of InfoNCE")] = 0.7
     positive_radius_m: Annotated[
         float, Meta(gt=0.0, le=100.0, description="places within this 3D distance are one answer, in m")

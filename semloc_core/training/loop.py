@@ -26,7 +26,7 @@ from semloc_core.labelspace import Labelspace
 from semloc_core.model import Model
 from semloc_core.place_graph import extract_all, union
 from semloc_core.training.config import TrainConfig
-from semloc_core.training.losses import Loss, build_loss
+from semloc_core.training.losses import Loss, build_loss, ignore_radius
 from semloc_core.training.split import Split, split_places
 from semloc_core.training.state import Progress, TrainingState, fingerprint, load_state, save_state
 from semloc_core.training.validation import fit_temperature, judge
@@ -201,10 +201,7 @@ class _Run:
     def look(self, train_loss: float) -> None:
         """Judge the encoder on the validation split and remember the best."""
         state, encoder = self.progress, self._encoder
-        found = [
-            judge(encoder, pairs, "validation", self._loss, self._config.positive_radius_m)
-            for pairs in self._held_out
-        ]
+        found = [judge(encoder, pairs, "validation", self._config) for pairs in self._held_out]
         value = sum(judgement.pr_auc for judgement in found) / len(found)
         row = {
             "step": float(state.step),
@@ -254,9 +251,12 @@ class _Run:
         self._encoder.train()
         z_query, queries = self._encode([query for query, _ in drawn], rng)
         z_map, places = self._encode([reference for _, reference in drawn], rng)
-        positive = pair_masks(queries, places, config.positive_radius_m)
+        positive, ignore = pair_masks(queries, places, config.positive_radius_m, ignore_radius(config))
+        swapped = None if ignore is None else ignore.T
         # Either variant may ask: the pair of passes is paid for, so both directions learn from it.
-        loss = (self._loss(z_query, z_map, positive, None) + self._loss(z_map, z_query, positive.T, None)) / 2
+        loss = (
+            self._loss(z_query, z_map, positive, ignore) + self._loss(z_map, z_query, positive.T, swapped)
+        ) / 2
         for group in self._optimiser.param_groups:
             group["lr"] = config.learning_rate * _schedule(step, config.warmup_steps, config.steps)
         self._optimiser.zero_grad()

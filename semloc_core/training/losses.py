@@ -8,6 +8,7 @@ scalar, the mean over the queries that can be judged, and a zero with a gradient
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal
 
 import torch
 from torch import Tensor
@@ -44,12 +45,21 @@ def contrastive(
 
 
 def triplet(
-    z_query: Tensor, z_map: Tensor, positive: Tensor, ignore: Tensor | None = None, *, margin: float = 0.2
+    z_query: Tensor,
+    z_map: Tensor,
+    positive: Tensor,
+    ignore: Tensor | None = None,
+    *,
+    margin: float = 0.2,
+    mining: Literal["hard_negative", "batch_hard"] = "hard_negative",
 ) -> Tensor:
-    r"""Triplet loss (Weinberger, Saul 2009) with batch-hard mining (Hermans, Beyer, Leibe 2017, equation 5).
+    r"""Triplet loss with hard mining (Weinberger, Saul 2009, equation 13, on the hardest impostor).
 
-    max(0, margin + max over positives of d − min over negatives of d), d the Euclidean distance: the farthest of
-    the positives against the nearest of the negatives. A query without a positive or a negative is left out.
+    With d the Euclidean distance and n the nearest negative: max(0, margin + d_p − d_n), averaged over the positives
+    p of a query and over queries. ``batch_hard`` (Hermans, Beyer, Leibe 2017, equation 5) takes only the farthest
+    positive; where places within 4 m may lie in two rooms that one is often hopeless, and all embeddings collapse
+    into one. Pairs just beyond the matching radius are best ignored: their places are all but the same. A query
+    without a positive or a negative is left out.
 
     Args:
         z_query: (B, D) unit rows.
@@ -57,6 +67,7 @@ def triplet(
         positive: (B, M) bool.
         ignore: (B, M) bool or None.
         margin: by how much the negative must be farther.
+        mining: which positives.
 
     Returns:
         Scalar.
@@ -66,10 +77,13 @@ def triplet(
     judged = positive.any(1) & negative.any(1)
     if not judged.any():
         return _nothing(z_query, z_map)
-    distance = _root(_squared_distance(z_query, z_map))[judged]
-    farthest = distance.masked_fill(~positive[judged], -torch.inf).amax(1)
+    distance, chosen = _root(_squared_distance(z_query, z_map))[judged], positive[judged]
     nearest = distance.masked_fill(~negative[judged], torch.inf).amin(1)
-    return (margin + farthest - nearest).clamp(min=0).mean()
+    if mining == "batch_hard":
+        farthest = distance.masked_fill(~chosen, -torch.inf).amax(1)
+        return (margin + farthest - nearest).clamp(min=0).mean()
+    violation = (margin + distance - nearest[:, None]).clamp(min=0).masked_fill(~chosen, 0.0)
+    return (violation.sum(1) / chosen.sum(1)).mean()
 
 
 def infonce(
@@ -109,6 +123,11 @@ def infonce(
     return (logits.logsumexp(1) - mean_positive).mean()
 
 
+def ignore_radius(config: TrainConfig) -> float:
+    """Distance (m) up to which a pair that is not positive is no negative either."""
+    return config.positive_radius_m + (config.triplet_gap_m if config.loss == "triplet" else 0.0)
+
+
 def build_loss(config: TrainConfig) -> Loss:
     """The loss that a training configuration names, with its margin or temperature."""
 
@@ -116,7 +135,8 @@ def build_loss(config: TrainConfig) -> Loss:
         if config.loss == "contrastive":
             return contrastive(z_query, z_map, positive, ignore, margin=config.margin)
         if config.loss == "triplet":
-            return triplet(z_query, z_map, positive, ignore, margin=config.triplet_margin)
+            margin, mining = config.triplet_margin, config.triplet_mining
+            return triplet(z_query, z_map, positive, ignore, margin=margin, mining=mining)
         return infonce(z_query, z_map, positive, ignore, temperature=config.temperature)
 
     return loss

@@ -13,10 +13,13 @@ from torch import Tensor
 from semloc_core.encoder.base import Encoder
 from semloc_core.evaluate.metrics import pr_auc, similarity_matrix
 from semloc_core.graph_arrays import Floats
-from semloc_core.training.losses import Loss
+from semloc_core.training.config import TrainConfig
+from semloc_core.training.losses import build_loss, ignore_radius
 from semloc_core.training.split import Bools, Part
 from semloc_core.training.variants import Variant, pair_masks
 
+Located = list[tuple[int, Floats]]
+"""Blocks of rows: the building they are in, and (b, 3) positions in metres."""
 TEMPERATURES = (1e-4, 10.0)
 """Bounds of the fitted temperature."""
 GRID = 24
@@ -48,7 +51,7 @@ def embed(encoder: Encoder, variant: Variant) -> Tensor:
 
 
 def judge(
-    encoder: Encoder, pairs: Sequence[tuple[Variant, Variant]], part: Part, loss: Loss, radius_m: float
+    encoder: Encoder, pairs: Sequence[tuple[Variant, Variant]], part: Part, config: TrainConfig
 ) -> Judgement:
     """Score a part of the split: its places in one variant against its places in the other (paper's protocol).
 
@@ -56,12 +59,12 @@ def judge(
         encoder: as it is now.
         pairs: (query, map) variants of each building; places of all buildings form one map.
         part: ``validation`` or ``test``.
-        loss: the training loss.
-        radius_m: the matching radius.
+        config: the training's options: loss and matching radius.
 
     """
-    z_query, z_map, positive = _part_embeddings(encoder, pairs, part, part, radius_m)
-    value = float(loss(z_query, z_map, positive, None))
+    z_query, z_map, queries, places = _part_embeddings(encoder, pairs, part, part)
+    positive, ignore = pair_masks(queries, places, config.positive_radius_m, ignore_radius(config))
+    value = float(build_loss(config)(z_query, z_map, positive, ignore))
     similarity = similarity_matrix(z_query.numpy(), z_map.numpy())
     return Judgement(loss=value, pr_auc=pr_auc(similarity, positive.numpy()))
 
@@ -84,9 +87,11 @@ def fit_temperature(
         T within `TEMPERATURES`; 1 where no place has a positive.
 
     """
-    z_query, z_map, positive = _part_embeddings(encoder, pairs, part, None, radius_m)
+    z_query, z_map, queries, places = _part_embeddings(encoder, pairs, part, None)
+    positive, _ = pair_masks(queries, places, radius_m)
     if not positive.any():
-        z_query, z_map, positive = _part_embeddings(encoder, pairs, None, None, radius_m)
+        z_query, z_map, queries, places = _part_embeddings(encoder, pairs, None, None)
+        positive, _ = pair_masks(queries, places, radius_m)
     similarity = similarity_matrix(z_query.numpy(), z_map.numpy()).astype(np.float64)
     return likeliest_temperature(similarity, positive.numpy())
 
@@ -124,13 +129,12 @@ def _part_embeddings(
     pairs: Sequence[tuple[Variant, Variant]],
     query_part: Part | None,
     map_part: Part | None,
-    radius_m: float,
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Embeddings of query (B, D) and map places (M, D) of the parts (None: all), and which pairs are positive."""
+) -> tuple[Tensor, Tensor, Located, Located]:
+    """Embeddings of query (B, D) and map places (M, D) of the parts (None: all), and where both are."""
     z_query: list[Tensor] = []
     z_map: list[Tensor] = []
-    queries: list[tuple[int, Floats]] = []
-    places: list[tuple[int, Floats]] = []
+    queries: Located = []
+    places: Located = []
     for query, reference in pairs:
         for variant, part, rows, at in (
             (query, query_part, z_query, queries),
@@ -139,4 +143,4 @@ def _part_embeddings(
             mask = np.ones(len(variant.positions), dtype=np.bool_) if part is None else variant.mask(part)
             rows.append(embed(encoder, variant)[torch.from_numpy(mask)])
             at.append((variant.building, variant.positions[mask]))
-    return torch.cat(z_query), torch.cat(z_map), pair_masks(queries, places, radius_m)
+    return torch.cat(z_query), torch.cat(z_map), queries, places

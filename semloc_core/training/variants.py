@@ -106,24 +106,35 @@ class VariantPool:
 
 
 def pair_masks(
-    queries: Sequence[tuple[int, Floats]], places: Sequence[tuple[int, Floats]], radius_m: float
-) -> torch.Tensor:
+    queries: Sequence[tuple[int, Floats]],
+    places: Sequence[tuple[int, Floats]],
+    radius_m: float,
+    ignore_radius_m: float | None = None,
+) -> tuple[torch.Tensor, torch.Tensor | None]:
     """Which pairs are one place, over several buildings; places of two buildings never are.
 
     Args:
         queries: for each block of rows its building and (b, 3) positions, metres.
         places: the same for each block of columns.
         radius_m: the matching radius.
+        ignore_radius_m: pairs between ``radius_m`` and this are neither one place nor two.
 
     Returns:
-        (B, M) bool.
+        (B, M) bool, positive pairs, and (B, M) bool, pairs to ignore, or None where there can be none.
 
     """
-    blocks = [
-        [
-            positive_pairs(q, p, radius_m) if qb == pb else np.zeros((len(q), len(p)), dtype=np.bool_)
-            for pb, p in places
+
+    def within(limit: float) -> torch.Tensor:
+        blocks = [
+            [
+                positive_pairs(q, p, limit) if qb == pb else np.zeros((len(q), len(p)), dtype=np.bool_)
+                for pb, p in places
+            ]
+            for qb, q in queries
         ]
-        for qb, q in queries
-    ]
-    return torch.from_numpy(np.block(blocks))
+        return torch.from_numpy(np.block(blocks))
+
+    positive = within(radius_m)
+    if ignore_radius_m is None or ignore_radius_m <= radius_m:
+        return positive, None
+    return positive, within(ignore_radius_m) & ~positive

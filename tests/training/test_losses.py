@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from semloc_core.training.config import TrainConfig
-from semloc_core.training.losses import build_loss, contrastive, infonce, triplet
+from semloc_core.training.losses import build_loss, contrastive, ignore_radius, infonce, triplet
 
 ALL = [contrastive, triplet, infonce]
 
@@ -34,8 +34,14 @@ def test_contrastive_margin_reaches_farther_negatives():
     )
 
 
-def test_triplet_takes_farthest_positive_and_nearest_negative():
-    loss = triplet(unit(0), unit(10, 50, 40, 170), mask([1, 1, 0, 0]), margin=0.2)
+def test_triplet_sets_each_positive_against_the_nearest_negative():
+    loss = triplet(unit(0), unit(10, 50, 40, 170), mask([1, 1, 0, 0]), margin=0.7)
+    expected = [0.7 + chord(d) - chord(40) for d in (10, 50)]
+    assert loss.item() == pytest.approx(sum(expected) / 2, rel=1e-4)
+
+
+def test_batch_hard_takes_the_farthest_positive_only():
+    loss = triplet(unit(0), unit(10, 50, 40, 170), mask([1, 1, 0, 0]), margin=0.2, mining="batch_hard")
     assert loss.item() == pytest.approx(0.2 + chord(50) - chord(40), rel=1e-4)
 
 
@@ -93,6 +99,11 @@ def test_equal_and_zero_embeddings_have_finite_gradients(loss):
     z = torch.cat([unit(0, 0), torch.zeros(1, 2)]).requires_grad_()
     loss(z, z, mask([1, 0, 0], [0, 1, 0], [0, 1, 1]), None).backward()
     assert torch.isfinite(z.grad).all()
+
+
+def test_only_the_triplet_loss_ignores_a_gap():
+    radii = [ignore_radius(TrainConfig(loss=name)) for name in ("infonce", "contrastive", "triplet")]
+    assert radii == [4.0, 4.0, 8.0]
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,7 @@ import torch
 from buildings import LABELS, building
 
 from semloc_core.encoder import build_encoder
-from semloc_core.training.config import PerturbConfig
-from semloc_core.training.losses import infonce
+from semloc_core.training.config import PerturbConfig, TrainConfig
 from semloc_core.training.split import split_places
 from semloc_core.training.validation import _surprise, fit_temperature, judge, likeliest_temperature
 from semloc_core.training.variants import VariantMaker, VariantPool, pair_masks
@@ -23,8 +22,16 @@ def maker(perturb: PerturbConfig | None = None, n: int = 1) -> VariantMaker:
 
 def test_pairs_of_two_buildings_are_never_positive():
     here = np.zeros((2, 3))
-    mask = pair_masks([(0, here), (1, here)], [(0, here[:1]), (1, here)], 4.0)
-    assert mask.tolist() == [[True, False, False]] * 2 + [[False, True, True]] * 2
+    positive, ignore = pair_masks([(0, here), (1, here)], [(0, here[:1]), (1, here)], 4.0)
+    assert positive.tolist() == [[True, False, False]] * 2 + [[False, True, True]] * 2
+    assert ignore is None
+
+
+def test_pairs_just_beyond_the_radius_are_ignored_on_demand():
+    places = np.array([[3.0, 0, 0], [5.0, 0, 0], [9.0, 0, 0]])
+    positive, ignore = pair_masks([(0, np.zeros((1, 3)))], [(0, places), (1, places[1:2])], 4.0, 8.0)
+    assert positive.tolist() == [[True, False, False, False]]
+    assert ignore.tolist() == [[False, True, False, False]]
 
 
 def test_a_variant_is_a_function_of_seed_building_and_number():
@@ -50,7 +57,7 @@ def test_perfect_embeddings_score_one():
     """Unperturbed variants, a radius so small that a place is positive with itself alone."""
     still = maker(PerturbConfig(mobility_scale=0.0))
     pair = [(still.make(0, 0), still.make(0, 1))]
-    found = judge(RINGS, pair, "validation", infonce, 0.01)
+    found = judge(RINGS, pair, "validation", TrainConfig(positive_radius_m=0.01))
     assert found.pr_auc > 0.9
     assert found.loss > 0
 
