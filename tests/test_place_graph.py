@@ -36,10 +36,10 @@ LABELS = Labelspace("test", ("chair", "couch", "box"))
 Edges = dict[tuple[str, str], float]
 
 
-def corridor() -> SceneGraph:
-    """Places p0 … p3 a metre apart, p4 alone; objects a at p0, z (of an unknown class) at p1."""
+def corridor(class_of_z: str = "box") -> SceneGraph:
+    """Places p0 … p3 a metre apart, p4 alone; objects a at p0, z at p1."""
     places = [Place(f"p{i}", (float(i), 0.0, 0.0)) for i in range(4)] + [Place("p4", (9.0, 9.0, 0.0))]
-    objects = [Object("a", "couch", (0.0,) * 3), Object("z", "unheard-of", (1.0, 0.0, 0.0))]
+    objects = [Object("a", "couch", (0.0,) * 3), Object("z", class_of_z, (1.0, 0.0, 0.0))]
     edges = [("p0", "p1"), ("p1", "p2"), ("p2", "p3"), ("p0", "a"), ("p1", "z")]
     return SceneGraph.from_update(update(places, objects, edges, full=True))
 
@@ -80,7 +80,7 @@ def test_an_ego_graph_by_hand() -> None:
     assert batch.node_ids == ("p1", "a", "p0", "p2", "z", "p3")
     assert batch.nodes_within == (1, 5, 6)
     assert batch.is_object.tolist() == [False, True, False, False, True, False]
-    assert batch.features.tolist() == [[0, 0, 0], [0, 1, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]]
+    assert batch.features.tolist() == [[0, 0, 0], [0, 1, 0], [0, 0, 0], [0, 0, 0], [0, 0, 1], [0, 0, 0]]
     assert named_edges(batch) == [
         *[("a", "p1", 1.0), ("p0", "p1", 1.0), ("p2", "p1", 1.0), ("z", "p1", 0.0)],
         *[("p1", "a", 1.0), ("p0", "a", 0.0)],
@@ -89,6 +89,19 @@ def test_an_ego_graph_by_hand() -> None:
         *[("p1", "z", 0.0), ("p0", "z", 1.0), ("p2", "z", 1.0)],
     ]
     assert batch.edges_within == (4, 15)
+
+
+def test_objects_of_a_class_the_labelspace_lacks_are_left_out() -> None:
+    """Else they would count as something seen, and be given a part in a match."""
+    graph = corridor("unheard-of")
+    batch = ego(graph, ["p1"], hops=2)
+    check(batch)
+    assert batch.node_ids == ("p1", "a", "p0", "p2", "p3")
+    assert reach_batch(graph, LABELS, ["p1"], 2.0).node_ids == ("p1", "a")
+    arrays = GraphArrays.from_scene_graph(graph, LABELS)
+    assert reach_all_batch(arrays, 3, 2.0, np.array([1])).node_ids == ("p1", "a")
+    whole = whole_graph_batch(arrays, 3, 2, 1.0)
+    assert "z" not in {name for source, target, _ in named_edges(whole) for name in (source, target)}
 
 
 def test_edges_into_the_outermost_nodes_are_left_out() -> None:
@@ -133,7 +146,7 @@ def test_a_reach_batch_by_hand() -> None:
 
 def test_a_class_index_beyond_the_labelspace_is_refused() -> None:
     arrays = GraphArrays.from_scene_graph(corridor(), LABELS)
-    with pytest.raises(LabelspaceError, match=r"expected class indices below 1 \(got 1\)"):
+    with pytest.raises(LabelspaceError, match=r"expected class indices below 1 \(got 2\)"):
         whole_graph_batch(arrays, 1, 2, 1.0)
 
 

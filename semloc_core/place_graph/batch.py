@@ -23,8 +23,8 @@ class Batch:
     """B query places (*roots*) and their surroundings: N nodes, E directed edges (source sends to target).
 
     Args:
-        features: (N, C) float32; an object's row is its class one-hot, a place's row is zero ("aggregation point"),
-            and so is that of an object whose class the labelspace does not have.
+        features: (N, C) float32; an object's row is its class one-hot, a place's row is zero ("aggregation point").
+            Objects of a class that the labelspace lacks are left out, or in a whole-graph batch have no edges.
         edge_index: (2, E) int64, sources over targets.
         edge_length: (E,) float32, metres: Euclidean for a traversability edge, geodesic between a place and an object.
         is_object: (N,) bool.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -19,8 +19,8 @@ def ego_batch(
     """Ego graphs: all nodes at most ``hops`` hops away over traversability and visibility edges.
 
     Edges run both ways, but those into the outermost nodes are left out: an encoder of as many layers has no use
-    for them. Nodes are sorted by hop, then graph, then id; edges by target, then source: the result does not
-    depend on the order in which nodes and edges came.
+    for them. Objects of a class that the labelspace lacks are left out. Nodes are sorted by hop, then graph, then
+    id; edges by target, then source: the result does not depend on the order in which nodes and edges came.
 
     Args:
         graph: the scene graph.
@@ -34,11 +34,12 @@ def ego_batch(
 
     """
     check_roots(graph, places)
+    objects_of = _known_objects(graph, visibility, labelspace)
     levels: list[list[str]] = [[] for _ in range(hops + 1)]
     owners: list[list[int]] = [[] for _ in range(hops + 1)]
     rows: list[dict[str, int]] = []
     for number, root in enumerate(places):
-        for hop, level in enumerate(_levels(graph, visibility, root, hops)):
+        for hop, level in enumerate(_levels(graph, visibility, objects_of, root, hops)):
             levels[hop] += level
             owners[hop] += [number] * len(level)
         rows.append({})
@@ -61,7 +62,7 @@ def ego_batch(
             near = neighbours[node]
             sources += map(row_of, near)
             lengths += near.values()
-            seen = visibility.objects_of(node)
+            seen = objects_of(node)
         sources += map(row_of, seen)
         lengths += seen.values()
         ends.append(len(sources))
@@ -90,7 +91,28 @@ def check_roots(graph: SceneGraph, places: Sequence[str]) -> None:
             raise GraphError(f"expected a place of the graph (got {place!r})")
 
 
-def _levels(graph: SceneGraph, visibility: Visibility, root: str, hops: int) -> list[list[str]]:
+def _known_objects(
+    graph: SceneGraph, visibility: Visibility, labelspace: Labelspace
+) -> Callable[[str], Mapping[str, float]]:
+    """What a place sees of classes that the labelspace has."""
+    objects, index = graph.objects, labelspace.index
+
+    def objects_of(place: str) -> Mapping[str, float]:
+        seen = visibility.objects_of(place)
+        if all(index(objects[node].class_) >= 0 for node in seen):
+            return seen
+        return {node: metres for node, metres in seen.items() if index(objects[node].class_) >= 0}
+
+    return objects_of
+
+
+def _levels(
+    graph: SceneGraph,
+    visibility: Visibility,
+    objects_of: Callable[[str], Mapping[str, float]],
+    root: str,
+    hops: int,
+) -> list[list[str]]:
     """Breadth first: levels[h] holds the ids that are h hops from the root, sorted."""
     neighbours, objects = graph.neighbours, graph.objects
     frontier = [root]
@@ -103,7 +125,7 @@ def _levels(graph: SceneGraph, visibility: Visibility, root: str, hops: int) -> 
                 reached.update(visibility.places_of(node))
             else:
                 reached.update(neighbours[node])
-                reached.update(visibility.objects_of(node))
+                reached.update(objects_of(node))
         reached -= seen
         seen |= reached
         frontier = sorted(reached)

@@ -21,7 +21,8 @@ def reach_batch(graph: SceneGraph, labelspace: Labelspace, places: Sequence[str]
     """Stars of places of the online graph.
 
     An object is in reach if one of its parent places is, along traversability edges; the nearest gives the edge
-    its length. Explicit sightings have no say. Objects are sorted by graph, then id.
+    its length. Explicit sightings have no say. Objects of a class that the labelspace lacks are left out. The
+    others are sorted by graph, then id.
 
     Args:
         graph: the scene graph.
@@ -38,7 +39,7 @@ def reach_batch(graph: SceneGraph, labelspace: Labelspace, places: Sequence[str]
     lengths: list[float] = []
     counts: list[int] = []
     for root in places:
-        star = _objects_in_reach(graph, root, radius_m)
+        star = _objects_in_reach(graph, labelspace, root, radius_m)
         found = sorted(star)
         nodes += found
         lengths += [star[node] for node in found]
@@ -66,6 +67,8 @@ def reach_all_batch(
 
     """
     objects, places, distances = object_distances(arrays, radius_m)
+    known = arrays.object_classes[objects] >= 0
+    objects, places, distances = objects[known], places[known], distances[known]
     rank = np.empty(arrays.n_objects, dtype=np.int64)
     rank[sorted(range(arrays.n_objects), key=arrays.object_ids.__getitem__)] = np.arange(arrays.n_objects)
     order = np.argsort(places * arrays.n_objects + rank[objects])
@@ -82,7 +85,7 @@ def reach_all_batch(
     )
 
 
-def _objects_in_reach(graph: SceneGraph, root: str, radius_m: float) -> dict[str, float]:
+def _objects_in_reach(graph: SceneGraph, labelspace: Labelspace, root: str, radius_m: float) -> dict[str, float]:
     distances = graph.index.distances(root, radius_m)
     slots = graph.index.slots
     star: dict[str, float] = {}
@@ -90,7 +93,7 @@ def _objects_in_reach(graph: SceneGraph, root: str, radius_m: float) -> dict[str
         distance = distances[slots[place]]
         if distance <= radius_m:
             for child in children:
-                if distance < star.get(child, math.inf):
+                if distance < star.get(child, math.inf) and labelspace.index(graph.objects[child].class_) >= 0:
                     star[child] = distance
     return star
 

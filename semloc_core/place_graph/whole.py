@@ -13,7 +13,7 @@ def whole_graph_batch(arrays: GraphArrays, n_classes: int, hops: int, radius_m: 
     """All places (rows 0 … P-1), then all objects, joined by traversability and visibility edges, both ways.
 
     A place's surroundings in it are those of its ego graph (`ego_batch`), so an encoder of ``hops`` layers gives
-    a place the same embedding from either.
+    a place the same embedding from either. Objects of a class that the labelspace lacks have no edges.
 
     Args:
         arrays: the building.
@@ -26,6 +26,8 @@ def whole_graph_batch(arrays: GraphArrays, n_classes: int, hops: int, radius_m: 
     p, o = arrays.n_places, arrays.n_objects
     place_to_place = arrays.place_edges
     visible, distances = visible_pairs(arrays, radius_m)
+    known = arrays.object_classes[visible[1]] >= 0
+    visible, distances = visible[:, known], distances[known]
     place_to_object = visible + np.array([[0], [p]])
     edges = np.concatenate([place_to_place, place_to_place[::-1], place_to_object, place_to_object[::-1]], axis=1)
     lengths = np.concatenate([np.tile(arrays.edge_lengths(), 2), np.tile(distances, 2)])
