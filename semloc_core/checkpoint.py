@@ -83,7 +83,7 @@ class _Version(msgspec.Struct):
 
 
 def content_hash(encoder: str, config: Any, classes: tuple[str, ...], tensors: Mapping[str, Array]) -> str:
-    """sha256 (hex) of what decides an embedding: encoder, configuration, class names, tensors in order of name."""
+    """sha256 (hex) of what decides an answer: encoder, configuration, class names, tensors in order of name."""
     digest = hashlib.sha256(canonical_json({"encoder": encoder, "config": config, "classes": list(classes)}))
     for name in sorted(tensors):
         tensor = tensors[name]

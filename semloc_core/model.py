@@ -47,20 +47,18 @@ class Model:
 
     def __post_init__(self) -> None:
         if self.encoder.n_classes != len(self.labelspace):
-            raise ModelError(
-                f"expected a labelspace of {self.encoder.n_classes} classes (got {len(self.labelspace)})"
-            )
+            raise ModelError(f"expected a labelspace of {self.encoder.n_classes} classes (got {len(self.labelspace)})")
         if not 0 < self.temperature < float("inf"):
             raise ModelError(f"expected a positive temperature (got {self.temperature})")
 
     @property
     def hash(self) -> str:
-        """sha256 (hex) of what decides an embedding: encoder, configuration, class names, tensors.
+        """sha256 (hex) of what decides an answer: encoder, configuration, temperature, class names, tensors.
 
-        Of the content, not of file bytes; seed, temperature and provenance are not part of it. Computed anew on
-        each call, since weights can be trained on: keep it where it is needed often.
+        Of the content, not of file bytes; seed and provenance are not part of it. Computed anew on each call, since
+        weights can be trained on: keep it where it is needed often.
         """
-        config = msgspec.to_builtins(self.encoder.config)
+        config = {"encoder": msgspec.to_builtins(self.encoder.config), "temperature": self.temperature}
         return checkpoint.content_hash(self.encoder.name, config, self.labelspace.classes, self._tensors())
 
     def to_bytes(self) -> bytes:
@@ -105,15 +103,12 @@ class Model:
         }
         if any(name.endswith("running_var") and (array < 0).any() for name, array in tensors.items()):
             raise ModelError("expected variances of at least 0 (got a negative one)")
-        config = msgspec.to_builtins(encoder.config)
-        found = checkpoint.content_hash(encoder.name, config, labelspace.classes, tensors)
-        if found != header.hash:
-            raise ModelError(f"expected content of hash {header.hash} (got {found})")
-        encoder.load_state_dict(
-            {name: torch.from_numpy(array) for name, array in tensors.items()}, assign=True
-        )
+        encoder.load_state_dict({name: torch.from_numpy(array) for name, array in tensors.items()}, assign=True)
         encoder.eval()
-        return cls(encoder, labelspace, header.seed, header.temperature, header.provenance)
+        model = cls(encoder, labelspace, header.seed, header.temperature, header.provenance)
+        if (found := model.hash) != header.hash:
+            raise ModelError(f"expected content of hash {header.hash} (got {found})")
+        return model
 
     def save(self, path: Path | str) -> None:
         """Write the model file, whole or not at all.
@@ -132,9 +127,7 @@ class Model:
             temporary.replace(path)
         except OSError as error:
             temporary.unlink(missing_ok=True)
-            raise ModelError(
-                f"expected a path to write the model to (got {path}: {error.strerror})"
-            ) from error
+            raise ModelError(f"expected a path to write the model to (got {path}: {error.strerror})") from error
 
     @classmethod
     def load(cls, path: Path | str, max_bytes: int = checkpoint.MAX_BYTES) -> Model:
@@ -177,9 +170,7 @@ def embed_batch(model: Model, batch: Batch) -> NDArray[np.float32]:
         if training:
             encoder.train()
     if not np.isfinite(embeddings).all():
-        raise ModelError(
-            "expected finite embeddings (got NaN or infinity; the model's weights are too large)"
-        )
+        raise ModelError("expected finite embeddings (got NaN or infinity; the model's weights are too large)")
     return embeddings
 
 
@@ -192,9 +183,7 @@ def embed_graph(model: Model, arrays: GraphArrays) -> NDArray[np.float32]:
         return embed_batch(model, place_graph.extract_all(arrays, n_classes, extraction))
     parts = [
         embed_batch(model, place_graph.reach_all_batch(arrays, n_classes, extraction.radius_m, roots))
-        for roots in np.split(
-            np.arange(arrays.n_places), range(ROOTS_AT_ONCE, arrays.n_places, ROOTS_AT_ONCE)
-        )
+        for roots in np.split(np.arange(arrays.n_places), range(ROOTS_AT_ONCE, arrays.n_places, ROOTS_AT_ONCE))
     ]
     return np.concatenate(parts)
 

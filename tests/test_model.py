@@ -30,9 +30,7 @@ LABELSPACE = Labelspace(
 
 def make(name: str = "paper", **options: Any) -> Model:
     encoder = build_encoder(name, options, 3, torch.Generator().manual_seed(5))
-    return Model(
-        encoder, LABELSPACE, seed=7, temperature=0.07, provenance={"graphs": ["a", "b"], "epochs": 3}
-    )
+    return Model(encoder, LABELSPACE, seed=7, temperature=0.07, provenance={"graphs": ["a", "b"], "epochs": 3})
 
 
 def rewritten(change: Callable[[dict[str, bytes]], None], compression: int = zipfile.ZIP_STORED) -> bytes:
@@ -102,14 +100,17 @@ def test_numpy_opens_the_file() -> None:
         assert archive["embed.weight"].shape == (32, 192)
 
 
-def test_the_hash_is_of_what_decides_an_embedding_and_of_nothing_else() -> None:
+def test_the_hash_is_of_what_decides_an_answer_and_of_nothing_else() -> None:
     model, other = make(), make()
-    other.seed, other.temperature, other.provenance = 8, 0.5, {}
+    other.seed, other.provenance = 8, {}
     other.labelspace = Labelspace("another name", LABELSPACE.classes)
     assert other.hash == model.hash
     other.labelspace = Labelspace("office", ("couch", "chair", "plant"))
     assert other.hash != model.hash
     assert make(self_loops=False).hash != model.hash
+    warmer = make()
+    warmer.temperature = 0.5
+    assert warmer.hash != model.hash, "the temperature decides probabilities"
     weights = make()
     with torch.no_grad():
         next(weights.encoder.parameters())[0, 0] += 1e-6
@@ -210,13 +211,9 @@ class Trap:
 def test_a_pickle_inside_is_refused_unopened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     hostile = npy(np.array([Trap()], dtype=object), allow_pickle=True)
-    refused(
-        with_tensor("embed.weight", hostile), "expected tensor 'embed.weight' of shape .* and type float32"
-    )
+    refused(with_tensor("embed.weight", hostile), "expected tensor 'embed.weight' of shape .* and type float32")
     refused(with_tensor("embed.weight", pickle.dumps(Trap())), "expected tensor 'embed.weight' as .npy")
-    refused(
-        rewritten(lambda members: members.__setitem__("x.pkl", pickle.dumps(Trap()))), "expected only tensors"
-    )
+    refused(rewritten(lambda members: members.__setitem__("x.pkl", pickle.dumps(Trap()))), "expected only tensors")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -246,9 +243,7 @@ def test_tensors_missing_or_too_many_are_named() -> None:
         del members["gat.attention.npy"]
 
     refused(rewritten(without), r"expected tensor 'gat.attention' \(got a model without it\)")
-    refused(
-        with_tensor("stranger", npy(np.zeros(2, np.float32))), r"expected \d+ tensors \(got also stranger\)"
-    )
+    refused(with_tensor("stranger", npy(np.zeros(2, np.float32))), r"expected \d+ tensors \(got also stranger\)")
 
 
 @pytest.mark.parametrize(
