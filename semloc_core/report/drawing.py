@@ -83,7 +83,10 @@ def to_svg(drawn: Figure, key: str, description: str) -> str:
     text = text[text.index("<svg") :]
     text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r"\s*<defs>\s*<style[^>]*>.*?</style>\s*</defs>", "", text, count=1, flags=re.DOTALL)
-    text = re.sub(r'\bid="', f'id="{key}-', text)
+    # matplotlib defines a marker once for each series that uses it, and a legend's sample takes the series' id: the
+    # first of each name is kept.
+    seen: set[str] = set()
+    text = re.sub(r'\sid="([^"]*)"', lambda found: _first(found.group(1), key, seen), text)
     text = re.sub(r"url\(#", f"url(#{key}-", text)
     text = re.sub(r'xlink:href="#', f'href="#{key}-', text)
     text = re.sub(r"xlink:href=", "href=", text)
@@ -101,6 +104,13 @@ def to_png(drawn: Figure, dots_per_inch: int = 100) -> bytes:
         stream = io.BytesIO()
         drawn.savefig(stream, format="png", dpi=dots_per_inch, facecolor="white", metadata={"Software": None})
     return stream.getvalue()
+
+
+def _first(name: str, key: str, seen: set[str]) -> str:
+    if name in seen:
+        return ""
+    seen.add(name)
+    return f' id="{key}-{name}"'
 
 
 def _rounded(numbers: re.Match[str]) -> str:
