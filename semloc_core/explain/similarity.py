@@ -60,8 +60,15 @@ class PerturbedEncoder:
             raise ModelError(f"expected a batch of one query place (got {batch.n_roots})")
         if encoder.training and encoder.trainable:
             raise ModelError("expected an encoder in eval mode (got one in training mode)")
-        with torch.inference_mode(False):
-            self.batch = _with_gradients_allowed(batch)
+        self.batch = replace(
+            batch,
+            features=_normal(batch.features),
+            edge_index=_normal(batch.edge_index),
+            edge_length=_normal(batch.edge_length),
+            is_object=_normal(batch.is_object),
+            graph=_normal(batch.graph),
+        )
+        self.dimension = encoder.dimension
         self._encoder = encoder
         self._portion = max(1, nodes_at_once // max(1, batch.n_nodes))
         self._copies = lru_cache(maxsize=4)(self._make_copies)
@@ -165,33 +172,52 @@ class SimilarityQuery:
             ModelError: as of `PerturbedEncoder`, or a target of another dimension.
 
         """
-        if tuple(target.shape) != (encoder.dimension,):
+        target = _normal(target)
+
+        def intrinsic() -> ObjectScores:
+            with torch.inference_mode():
+                known = encoded if encoded is not None else encoder.encode(batch)
+                return intrinsic_scores(encoder, batch, known, tuple(class_names), target)
+
+        return replace(
+            cls.from_perturbed(PerturbedEncoder(encoder, batch, nodes_at_once), target, class_names),
+            intrinsic=intrinsic,
+            known=float(encoded.embedding[0] @ target) if encoded is not None else None,
+        )
+
+    @classmethod
+    def from_perturbed(
+        cls, perturbed: PerturbedEncoder, target: Tensor, class_names: Sequence[str]
+    ) -> SimilarityQuery:
+        """Ask about the scalar product with a target, by what embeds the query's variants.
+
+        Args:
+            perturbed: several queries may share it, and so its unions.
+            target: (D,), any direction: the difference of two map places' embeddings contrasts them.
+            class_names: N names; those of places are not read.
+
+        Raises:
+            ModelError: a target of another dimension.
+
+        """
+        if tuple(target.shape) != (perturbed.dimension,):
             raise ModelError(
-                f"expected a target of {encoder.dimension} numbers (got shape {tuple(target.shape)})"
+                f"expected a target of {perturbed.dimension} numbers (got shape {tuple(target.shape)})"
             )
-        perturbed = PerturbedEncoder(encoder, batch, nodes_at_once)
-        with torch.inference_mode(False):
-            target = target.clone() if target.is_inference() else target
+        target = _normal(target)
 
         def similarity(features: Tensor | None = None, keep: Tensor | None = None) -> Tensor:
             with torch.inference_mode(False):
                 return perturbed.embed(features, keep) @ target
 
-        def intrinsic() -> ObjectScores:
-            if encoded is not None:
-                return intrinsic_scores(encoder, batch, encoded, tuple(class_names), target)
-            with torch.inference_mode():
-                return intrinsic_scores(encoder, batch, encoder.encode(batch), tuple(class_names), target)
-
-        rows = torch.nonzero(perturbed.batch.is_object).flatten()
+        batch = perturbed.batch
+        rows = torch.nonzero(batch.is_object).flatten()
         return cls(
             ids=tuple(batch.node_ids[i] for i in rows.tolist()),
             classes=tuple(class_names[i] for i in rows.tolist()),
             rows=rows,
-            features=perturbed.batch.features,
+            features=batch.features,
             function=similarity,
-            intrinsic=intrinsic,
-            known=float(encoded.embedding[0] @ target) if encoded is not None else None,
         )
 
     @property
@@ -267,8 +293,7 @@ class SimilarityQuery:
         )
 
 
-def _with_gradients_allowed(batch: Batch) -> Batch:
-    """Tensors made in inference mode can't be saved for a backward pass: copy those."""
-    names = ("features", "edge_index", "edge_length", "is_object", "graph")
-    inference = {name: x.clone() for name in names if (x := getattr(batch, name)).is_inference()}
-    return replace(batch, **inference) if inference else batch
+def _normal(tensor: Tensor) -> Tensor:
+    """A tensor made in inference mode can't be saved for a backward pass: copy such a one."""
+    with torch.inference_mode(False):
+        return tensor.clone() if tensor.is_inference() else tensor

@@ -1,0 +1,153 @@
+"""Everything that can be said of one pair, a query and a place of the map: the answer to an ``explain_request``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+
+from semloc_core.errors import GraphError, MapError, SemlocError
+from semloc_core.explain.counterfactual import counterfactual, why_not
+from semloc_core.explain.explainers import EXPLAINERS, check_methods, explain
+from semloc_core.explain.fidelity import BUDGET, own_fidelity
+from semloc_core.explain.scores import class_scores, object_scores
+from semloc_core.explain.similarity import PerturbedEncoder, SimilarityQuery
+from semloc_core.map_database import LoadedMap
+from semloc_core.messages import ExplainRequest, Explanation, MethodAttributions
+
+if TYPE_CHECKING:  # the localiser explains its own answers
+    from semloc_core.localiser import Localiser, Query
+
+SEED = 0
+"""Explainers that sample start from it at every request, so that the same question has the same answer."""
+
+
+def answer_request(localiser: Localiser, request: ExplainRequest) -> Explanation:
+    """Answer a request on the graph and the map as they are; what can't be answered says why in ``error``.
+
+    Args:
+        localiser: brings the graph, the map and the frame.
+        request: which query and place; see `ExplainRequest`.
+
+    """
+    try:
+        query = localiser.locate(request.query_place).query
+        if query.encoded is None:
+            raise GraphError(
+                f"expected a query to explain (got none: {query.reason or 'no graph or no map'})"
+            )
+        row = find_row(localiser.map, query, request.map, request.place)
+        return explain_pair(
+            localiser.map,
+            query,
+            row,
+            methods=request.methods,
+            stamp_ns=request.stamp_ns,
+            seq=request.seq,
+            frame_id=localiser.config.frame_id,
+        )
+    except SemlocError as error:
+        return Explanation(
+            schema="semloc/explanation/1",
+            stamp_ns=request.stamp_ns,
+            frame_id=localiser.config.frame_id,
+            seq=request.seq,
+            query_place=request.query_place,
+            match_map=request.map,
+            match_place=request.place,
+            similarity=None,
+            methods=[],
+            error=str(error),
+        )
+
+
+def find_row(loaded: LoadedMap, query: Query, building: str | None, place: str | None) -> int:
+    """The row of the map place to explain.
+
+    Args:
+        loaded: the map.
+        query: an embedded query.
+        building: None: any building.
+        place: None: the top match, of the building where one is given.
+
+    Raises:
+        MapError: no such place or building, or several buildings have a place of this id.
+
+    """
+    if place is None:
+        assert query.encoded is not None
+        buildings = None if building is None else [building]
+        return int(loaded.search(query.encoded.embedding[0].numpy(), 1, buildings)[0][0])
+    if building is not None:
+        return loaded.row(building, place)
+    rows = [row for row, name in enumerate(loaded.place_ids) if name == place]
+    if len(rows) != 1:
+        names = ", ".join(loaded.buildings[int(loaded.building_index[row])] for row in rows) or "none"
+        raise MapError(f"expected a place id that one building of the map has (got {place!r}: {names})")
+    return rows[0]
+
+
+def explain_pair(
+    loaded: LoadedMap,
+    query: Query,
+    row: int,
+    *,
+    methods: Sequence[str] | None = None,
+    stamp_ns: int = 0,
+    seq: int = 0,
+    frame_id: str = "map",
+    seed: int = SEED,
+) -> Explanation:
+    """Explain a query and a place of the map by several methods, with a counterfactual and a contrast to the top match.
+
+    Args:
+        loaded: the map.
+        query: an embedded query, of an answer (`semloc_core.localiser.Located.query`).
+        row: row of the place in the map.
+        methods: explainers; None: all.
+        stamp_ns: of the message, nanoseconds.
+        seq: of the message.
+        frame_id: of the message.
+        seed: of explainers that sample; each starts from it, so that a method says the same whoever is asked beside it.
+
+    Raises:
+        ConfigError: no such explainer.
+        GraphError: the query was not embedded.
+
+    """
+    methods = list(EXPLAINERS) if methods is None else methods
+    check_methods(methods)
+    if query.batch is None or query.encoded is None:
+        raise GraphError(f"expected a query to explain (got none: {query.reason})")
+    encoder, names = loaded.model.encoder, query.class_names
+    target = torch.from_numpy(loaded.embeddings[row])
+    question = SimilarityQuery.from_encoder(encoder, query.batch, target, names, query.encoded)
+    said = []
+    for method in methods:
+        scores = explain(question, method, np.random.default_rng(seed))
+        said.append(
+            MethodAttributions(
+                method=scores.method,
+                classes=class_scores(scores),
+                objects=object_scores(scores),
+                fidelity=own_fidelity(question, scores, BUDGET),
+                completeness_gap=scores.completeness_gap,
+            )
+        )
+    z = query.encoded.embedding[0].numpy()
+    perturbed = PerturbedEncoder(encoder, query.batch)
+    return Explanation(
+        schema="semloc/explanation/1",
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+        seq=seq,
+        query_place=query.place,
+        match_map=loaded.buildings[int(loaded.building_index[row])],
+        match_place=loaded.place_ids[row],
+        similarity=question.full,
+        methods=said,
+        counterfactual=counterfactual(loaded, perturbed, names, z),
+        why_not=why_not(loaded, perturbed, names, z, row, np.random.default_rng(seed)),
+    )
