@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -94,9 +95,17 @@ def _print_explanation(explanation: Explanation) -> None:
             console.print(f"    {contrast.score:+.4f}  {contrast.class_}: for {whom}")
     found = explanation.counterfactual
     if found is not None and found.removed:
-        removed = ", ".join(f"{item.class_} {item.id}" for item in found.removed)
+        removed = _removed([(item.class_, item.id) for item in found.removed])
         console.print(
             f"without {removed} the top match would be {found.map} {found.place} (similarity {found.similarity:.4f})"
         )
     elif found is not None:
         console.print("no removal of objects that was tried changes the top match")
+
+
+def _removed(objects: list[tuple[str, str]]) -> str:
+    """A few objects by name, many by number of each class."""
+    if len(objects) <= 3:
+        return ", ".join(f"{class_} {id_}" for class_, id_ in objects)
+    counts = Counter(class_ for class_, _ in objects)
+    return ", ".join(f"{count} × {class_}" for class_, count in sorted(counts.items()))

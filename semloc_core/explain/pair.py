@@ -32,27 +32,40 @@ def answer_request(localiser: Localiser, request: ExplainRequest) -> Explanation
         request: which query and place; see `ExplainRequest`.
 
     """
+    query = localiser.locate(request.query_place).query
+    return answer_query(localiser.map, query, request, localiser.config.frame_id)
+
+
+def answer_query(loaded: LoadedMap, query: Query, request: ExplainRequest, frame_id: str) -> Explanation:
+    """Answer a request on a query that was taken from the graph before: needs no graph, so any process can do it.
+
+    Args:
+        loaded: the map that embedded the query.
+        query: of the place asked about (`semloc_core.localiser.Localiser.locate`).
+        request: its place, building and methods count.
+        frame_id: of the message.
+
+    """
     try:
-        query = localiser.locate(request.query_place).query
         if query.encoded is None:
             raise GraphError(
                 f"expected a query to explain (got none: {query.reason or 'no graph or no map'})"
             )
-        row = find_row(localiser.map, query, request.map, request.place)
+        row = find_row(loaded, query, request.map, request.place)
         return explain_pair(
-            localiser.map,
+            loaded,
             query,
             row,
             methods=request.methods,
             stamp_ns=request.stamp_ns,
             seq=request.seq,
-            frame_id=localiser.config.frame_id,
+            frame_id=frame_id,
         )
     except SemlocError as error:
         return Explanation(
             schema="semloc/explanation/1",
             stamp_ns=request.stamp_ns,
-            frame_id=localiser.config.frame_id,
+            frame_id=frame_id,
             seq=request.seq,
             query_place=request.query_place,
             match_map=request.map,

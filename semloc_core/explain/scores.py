@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from semloc_core.wire import ClassAttribution, ObjectAttribution
 
+NOISE = 1e-6  # the wire keeps six decimals
+
 
 @dataclass(frozen=True, eq=False)
 class ObjectScores:
@@ -44,7 +46,9 @@ class ObjectScores:
 def class_scores(scores: ObjectScores) -> list[ClassAttribution]:
     """Sum by class; shares are of the summed magnitude, so they are ≥ 0 and sum to 1, by falling share.
 
-    Where every score is zero the shares are equal: nothing speaks for one class before another.
+    Where every score is zero the shares are equal: nothing speaks for one class before another. So are they where
+    the scores are below what a message can carry: there (a query at a place of the map itself has similarity 1 and no
+    gradient) they are rounding errors.
     """
     total: dict[str, float] = {}
     instances: dict[str, int] = {}
@@ -53,7 +57,7 @@ def class_scores(scores: ObjectScores) -> list[ClassAttribution]:
         instances[name] = instances.get(name, 0) + 1
     magnitude = sum(abs(value) for value in total.values())
     shares: Mapping[str, float] = {
-        name: abs(value) / magnitude if magnitude > 0 else 1 / len(total) for name, value in total.items()
+        name: abs(value) / magnitude if magnitude > NOISE else 1 / len(total) for name, value in total.items()
     }
     names = sorted(total, key=lambda name: (-shares[name], name))
     return [

@@ -1,10 +1,12 @@
 """What the localiser publishes with its answer: by any explainer, with its own fidelity, the same each time."""
 
+import numpy as np
 import pytest
 from small_building import building_update, make_map, make_model
 
 from semloc_core import wire
 from semloc_core.config import LocaliserConfig, options
+from semloc_core.explain import ObjectScores, class_scores
 from semloc_core.explain.explainers import EXPLAINERS
 from semloc_core.explain.fidelity import BUDGET
 from semloc_core.localiser import Localiser
@@ -35,3 +37,11 @@ def test_attributions_carry_their_own_fidelity(home, explainer):
     for figure in (why.fidelity.necessity, why.fidelity.sufficiency, why.fidelity.characterisation):
         assert 0 <= figure <= 1
     assert (why.completeness_gap is None) == (why.method in ("attention", "saliency"))
+
+
+def test_rounding_errors_are_no_shares():
+    """At a place of the map itself the gradient is zero; what floats leave of it must not be ranked."""
+    noise = ObjectScores("saliency", ("a", "b"), ("chair", "couch"), np.array([3e-8, 1e-9]))
+    assert [row.share for row in class_scores(noise)] == [0.5, 0.5]
+    small = ObjectScores("saliency", ("a", "b"), ("chair", "couch"), np.array([3e-4, 1e-4]))
+    assert [row.share for row in class_scores(small)] == pytest.approx([0.75, 0.25])
