@@ -11,6 +11,7 @@ from typing import Any
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from PIL import Image
 
 from semloc_core.report.colours import INK
 
@@ -99,11 +100,17 @@ def to_svg(drawn: Figure, key: str, description: str) -> str:
 
 
 def to_png(drawn: Figure, dots_per_inch: int = 100) -> bytes:
-    """A PNG on white."""
+    """A PNG on white with a palette of 256 colours: a fraction of the size, and nobody sees it."""
     with matplotlib.rc_context(_STYLE):
         stream = io.BytesIO()
+        drawn.patch.set_alpha(1.0)
         drawn.savefig(stream, format="png", dpi=dots_per_inch, facecolor="white", metadata={"Software": None})
-    return stream.getvalue()
+    small = io.BytesIO()
+    with Image.open(stream) as image:
+        image.convert("RGB").quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(
+            small, format="png", optimize=True
+        )
+    return small.getvalue()
 
 
 def _first(name: str, key: str, seen: set[str]) -> str:

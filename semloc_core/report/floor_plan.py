@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -71,6 +72,11 @@ class Plan:
         return float(min((WIDTH - 0.75 - beside) * up / across, WIDTH * 1.5)) + 0.75 + extra
 
 
+def legend_height(entries: int) -> float:
+    """Inches that a legend of so many entries takes under a plan, three in a row."""
+    return 0.3 + 0.24 * math.ceil(entries / 3)
+
+
 def draw_building(axes: Axes, plan: Plan, *, objects: bool = False) -> None:
     """Edges and places in faint ink; objects, if wanted, as small grey squares."""
     bare(axes)
@@ -90,7 +96,7 @@ def draw_building(axes: Axes, plan: Plan, *, objects: bool = False) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(7, integer=True))
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
-    axes.set_title(plan.name)
+    axes.set_title(plan.name, loc="left")
 
 
 def building_figure(plan: Plan, classes: Sequence[str]) -> Figure:
@@ -103,7 +109,7 @@ def building_figure(plan: Plan, classes: Sequence[str]) -> Figure:
     """
     own, rest = grouped(classes)
     look = styles(classes)
-    with figure(plan.height(0.85)) as drawn:
+    with figure(plan.height(legend_height(min(len(plan.objects), len(own) + 1)))) as drawn:
         axes = drawn.add_subplot()
         draw_building(axes, plan)
         for name in [c for c in own if c in plan.objects]:
@@ -140,7 +146,7 @@ def path_figure(
 
     """
     path, unjudged = _points(path), _points(unjudged)
-    with figure(plan.height(0.85, beside=0.9 if len(unjudged) else 0.0)) as drawn:
+    with figure(plan.height(legend_height(6), beside=0.9 if len(unjudged) else 0.0)) as drawn:
         axes = drawn.add_subplot()
         draw_building(axes, plan, objects=True)
         if len(path):
@@ -193,7 +199,7 @@ def confusion_figure(plan: Plan, places: ArrayLike, counts: Sequence[int], numbe
 
     """
     places = _points(places)
-    with figure(plan.height(0.1)) as drawn:
+    with figure(plan.height(0.15)) as drawn:
         axes = drawn.add_subplot()
         draw_building(axes, plan, objects=True)
         if len(places):
@@ -219,7 +225,7 @@ def similarity_figure(
     """
     values = np.asarray(similarity, dtype=np.float64)
     assert values.shape == (len(plan.places),), values.shape
-    with figure(plan.height(0.4, beside=0.9)) as drawn:
+    with figure(plan.height(legend_height(2), beside=0.9)) as drawn:
         axes = drawn.add_subplot()
         draw_building(axes, plan)
         order = np.argsort(values, kind="stable")

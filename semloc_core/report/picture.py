@@ -49,8 +49,7 @@ def _draw(plan: Plan, path: Floats, point: Point, attributed: Attributed, classe
     with figure(height, _WIDTH) as drawn:
         left, right = drawn.subplots(1, 2, width_ratios=[2.3, 1])
         draw_building(left, plan)
-        left.set_title("")
-        left.grid(False)
+        left.set_title(plan.name, loc="left")
         left.set_axis_off()
         for name in [c for c in own if c in plan.objects]:
             x, y = plan.objects[name].T
@@ -61,12 +60,12 @@ def _draw(plan: Plan, path: Floats, point: Point, attributed: Attributed, classe
             left.plot(*path.T, color=INK, linewidth=2.2, solid_capstyle="round", label="the robot's path", zorder=4)
         if point.truth is not None and point.truth[0] == plan.name:
             x, y = point.truth[1][:2]
-            left.plot(x, y, "o", ms=10, color="white", mec=INK, mew=2.2, ls="", label="the robot", zorder=6)
+            left.plot(x, y, "o", ms=9, color="white", mec=INK, mew=2.2, ls="", label="the robot", zorder=6)
         x, y = point.match.position[:2]
         colour = WRONG if point.right is False else RIGHT
         off = _distance(point)
         label = "the answer" if off is None else f"the answer, {off:.1f} m off"
-        left.plot(x, y, "*", ms=20, color=colour, mec=INK, mew=0.9, ls="", label=label, zorder=5)
+        left.plot(x, y, "*", ms=25, color=colour, mec=INK, mew=0.9, ls="", label=label, zorder=5)
         drawn.legend(loc="outside lower left", ncols=3, handletextpad=0.4, columnspacing=1.2)
         _bars(right, attributed, look)
     return drawn
@@ -74,7 +73,8 @@ def _draw(plan: Plan, path: Floats, point: Point, attributed: Attributed, classe
 
 def _bars(axes: Axes, attributed: Attributed, look: dict[str, Style]) -> None:
     """The largest shares as bars, named by class."""
-    shares = sorted(attributed.classes.items(), key=lambda item: (-item[1], item[0]))[:_BARS]
+    shares = [(name, share) for name, share in attributed.classes.items() if share >= 0.005]
+    shares = sorted(shares, key=lambda item: (-item[1], item[0]))[:_BARS]
     names = [f"{attributed.instances.get(name, 0)} × {name}" for name, _ in shares]
     for row, (name, share) in enumerate(shares):
         style = look[name]
@@ -87,7 +87,7 @@ def _bars(axes: Axes, attributed: Attributed, look: dict[str, Style]) -> None:
     axes.spines["bottom"].set_visible(False)
     axes.tick_params(axis="y", length=0)
     axes.patch.set_alpha(0.0)
-    axes.set_title("because of", loc="left")
+    axes.set_title("because of the objects around", loc="left")
 
 
 def _distance(point: Point) -> float | None:

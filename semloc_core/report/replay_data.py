@@ -100,7 +100,7 @@ class ReplayData:
 
     Attributes:
         points, shares: thinned series of answers and attributions, by time.
-        best: of the answers with attributions the clearest one (right if any is, then by probability), or None.
+        best: the clearest of the answers with attributions (right if any is, then by probability and similarity).
         rows: success by distance travelled, see `TraversalScore.rows`; empty without ground truth.
         answers: how many there were in all; ``statuses`` of them.
         wrong: (building, place) -> how often a wrong top match fell on it, and how far off it was.
@@ -278,8 +278,10 @@ class _Gathering:
             self._data.best = (point, shares)
 
 
-def _clarity(point: Point) -> tuple[bool, float]:
-    return bool(point.right), point.match.probability if point.match is not None else -1.0
+def _clarity(point: Point) -> tuple[bool, float, float]:
+    if point.match is None:
+        return False, -1.0, -1.0
+    return bool(point.right), round(point.match.probability, 2), point.match.similarity
 
 
 def _keep_latest(waiting: dict[int, T]) -> None:

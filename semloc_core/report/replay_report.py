@@ -16,7 +16,7 @@ from semloc_core.report.page import Fact, Section, page
 from semloc_core.report.replay_data import ReplayData
 
 BUILDINGS = 6
-"""Buildings drawn at most: those that truth and answers touch most."""
+"""Buildings drawn at most."""
 INTRODUCTION = (
     "A robot walks through a building and keeps a scene graph: a list of the objects it has recognised (a couch, a "
     "plant, …) and of the places, patches of free floor, from which they can be seen. At every update the localiser "
@@ -54,13 +54,11 @@ def class_order(data: ReplayData, plans: Sequence[Plan]) -> list[str]:
 
 
 def shown_plans(data: ReplayData, loaded: LoadedMap) -> list[Plan]:
-    """The buildings that truth and answers touch most, in the map's order; the map's first ones if none is."""
-    touched: Counter[str] = Counter()
-    for point in data.points:
-        touched.update([point.truth[0]] if point.truth is not None else [])
-        touched.update([point.match.map] if point.match is not None else [])
-    chosen = [name for name, _ in sorted(touched.items(), key=lambda item: (-item[1], item[0]))] or loaded.buildings
-    return [Plan.of(loaded.graph(name), name) for name in loaded.buildings if name in chosen[:BUILDINGS]]
+    """The buildings that the robot was in, then those that answers named most; the map's first if there are none."""
+    visits: Counter[str] = Counter(p.truth[0] for p in data.points if p.truth is not None)
+    named: Counter[str] = Counter(p.match.map for p in data.points if p.match is not None)
+    touched = sorted(set(visits) | set(named), key=lambda name: (-visits[name], -named[name], name))
+    return [Plan.of(loaded.graph(name), name) for name in (touched or loaded.buildings)[:BUILDINGS]]
 
 
 def replay_page(data: ReplayData, loaded: LoadedMap, results_name: str) -> str:
@@ -75,13 +73,13 @@ def replay_page(data: ReplayData, loaded: LoadedMap, results_name: str) -> str:
     plans = shown_plans(data, loaded)
     classes = class_order(data, plans)
     found: list[Section | None] = [
+        sections.buildings(plans, classes, len(loaded.buildings)),
         sections.where(data, plans),
         sections.success(data),
         sections.confidence(data),
         sections.statuses(data),
         sections.shares(data, classes),
         sections.confusions(data, plans),
-        sections.buildings(plans, classes, len(loaded.buildings)),
         sections.latency(data),
     ]
     model = loaded.model
@@ -119,4 +117,4 @@ def _facts(data: ReplayData) -> list[Fact]:
 
 
 def _thinned(data: ReplayData) -> str:
-    return f", of which every {data.points.stride}th is drawn" if data.points.stride > 1 else ""
+    return f", every {data.points.stride}th drawn" if data.points.stride > 1 else ""

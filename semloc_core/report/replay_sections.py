@@ -99,7 +99,10 @@ def success(data: ReplayData) -> Section | None:
     if not data.rows:
         return None
     total = data.rows[-1]
-    rows: list[Row] = [{**row, "scope": bracket(str(row["scope"]))} for row in data.rows]
+    rows: list[Row] = []
+    for row in data.rows:
+        rows.append({"travelled": bracket(str(row["scope"]))})
+        rows[-1] |= {name: value for name, value in row.items() if name not in ("method", "scope")}
     return Section(
         "success",
         "How often it was right, by distance travelled",
@@ -119,7 +122,7 @@ def success(data: ReplayData) -> Section | None:
 
 
 def _spoken(rows: Sequence[Row]) -> str:
-    return "; ".join(f"{row['scope']}: success@1 {percent(row['success@1'])}" for row in rows)
+    return "; ".join(f"{row['travelled']}: success@1 {percent(row['success@1'])}" for row in rows)
 
 
 def confidence(data: ReplayData) -> Section:
@@ -267,6 +270,7 @@ def confusions(data: ReplayData, plans: Sequence[Plan]) -> Section | None:
                 "robot's true position; from elsewhere: times the robot was in another building.",
             )
         ],
+        wide=len(drawings) > 1,
     )
 
 
@@ -288,7 +292,11 @@ def buildings(plans: Sequence[Plan], classes: Sequence[str], in_map: int) -> Sec
     sizes: list[Row] = [
         {"building": plan.name, "places": len(plan.places), "ways between them": len(plan.edges)} for plan in plans
     ]
-    left_out = f" {in_map - len(plans)} more buildings of the map are not drawn." if in_map > len(plans) else ""
+    left_out = (
+        f" Of the map's {in_map} buildings those are drawn that truth or answers touch most."
+        if in_map > len(plans)
+        else ""
+    )
     return Section(
         "map",
         "What the map knows",

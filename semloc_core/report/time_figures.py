@@ -113,7 +113,7 @@ def success_figure(rows: Sequence[Row]) -> Figure:
             )  # fmt: skip
         axes.set_xticks(range(len(rows)), [bracket(str(row["scope"])) for row in rows])
         axes.set_xlabel("distance travelled")
-        axes.set_ylim(0, 1)
+        axes.set_ylim(0, 1.03)
         drawn.legend(loc="outside upper center", ncols=3)
     return drawn
 

@@ -1,8 +1,10 @@
+import io
 import re
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from PIL import Image
 from svg_marks import Marks
 
 from semloc_core.report.colours import INK, OTHER_STYLE, styles
@@ -60,6 +62,18 @@ def test_every_mark_is_drawn():
 def test_rounding_moves_nothing_by_more_than_a_hundredth():
     text = to_svg(drawing(), "k", "d")
     assert not re.search(r' (d|x|y)="[^"]*\.\d{3}', text)
+
+
+def test_png_is_opaque_and_a_faint_line_stays_faint():
+    with figure(1.0) as drawn:
+        axes = drawn.add_subplot()
+        axes.set_axis_off()
+        axes.plot([0, 1], [0.5, 0.5], color=INK, alpha=0.25, linewidth=20)
+    with Image.open(io.BytesIO(to_png(drawn))) as image:
+        shades = image.convert("RGBA").getcolors()
+    assert {alpha for _, (*_, alpha) in shades} == {255}
+    assert (max(shades)[1])[:3] == (255, 255, 255)
+    assert min(sum(rgb) for _, (*rgb, _) in shades) > 3 * 180
 
 
 def test_styles_differ_in_more_than_colour():

@@ -114,7 +114,7 @@ def test_buildings_that_nothing_touched_are_not_drawn(tmp_path):
     loaded, _ = one_map(tmp_path, "a", "b", "c")
     steps = [Step([("b", 1.0)], ("a", 1.0)), Step([("a", 1.0)], ("a", 1.0))]
     text = replay_page(read_results(write_results(tmp_path / "r.mcap", loaded, steps), loaded), loaded, "r.mcap")
-    assert "1 more buildings of the map are not drawn" in text
+    assert "map&#x27;s 3 buildings those are drawn" in text
     assert 'id="where1-figure_1"' in text
     assert 'id="where2-figure_1"' not in text
 
