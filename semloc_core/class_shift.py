@@ -124,11 +124,11 @@ class ClassShift:
             classes: those of the objects around the query place, one entry an object.
 
         """
-        self._seen.append((building, Counter(classes)))
+        self._seen.append((building, Counter(self._named(name) for name in classes)))
 
     def explain(self, building: str, shares: Mix) -> None:
         """Take in attributions: class name -> share."""
-        self._shares.append((building, dict(shares)))
+        self._shares.append((building, _sum([{self._named(name): share} for name, share in shares.items()])))
 
     def objects(self) -> Shift | None:
         """How far the objects around the robot are from the map's; None with too few answers."""
@@ -137,6 +137,11 @@ class ClassShift:
     def attributions(self) -> Shift | None:
         """How far what matches rest on is from what they rest on within the map; None with too few answers."""
         return self._compare(self._shares, 1)
+
+    def _named(self, name: str) -> str:
+        """Synonyms are one class."""
+        space = self._map.model.labelspace
+        return space.classes[index] if (index := space.index(name)) >= 0 else name
 
     def _compare(self, window: deque[tuple[str, Mix]], which: int) -> Shift | None:
         entries = list(window)
@@ -150,7 +155,7 @@ class ClassShift:
 
 def _references(loaded: LoadedMap, building: str) -> tuple[_Reference, _Reference]:
     """What is usual around a building's places: of objects, and of attributions."""
-    graph, model = loaded.graph(building), loaded.model
+    graph, model, space = loaded.graph(building), loaded.model, loaded.model.labelspace
     visibility = Visibility(graph, model.encoder.extraction.visibility_m)
     rows = loaded.rows_of(building)
     count = rows.stop - rows.start
@@ -162,7 +167,7 @@ def _references(loaded: LoadedMap, building: str) -> tuple[_Reference, _Referenc
             place = loaded.place_ids[row]
             batch = extract(graph, visibility, model.labelspace, [place], model.encoder.extraction)
             names = tuple(
-                graph.objects[node].class_ if is_object else ""
+                space.classes[space.index(graph.objects[node].class_)] if is_object else ""
                 for node, is_object in zip(batch.node_ids, batch.is_object.tolist(), strict=True)
             )
             encoded = model.encoder.encode(batch)

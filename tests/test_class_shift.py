@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from scipy.spatial.distance import jensenshannon
-from small_building import building_update, make_map, make_model
+from small_building import CLASSES, building_update, make_map, make_model
 
 from semloc_core.class_shift import FEWEST, ClassShift, jensen_shannon
 from semloc_core.config import LocaliserConfig
+from semloc_core.labelspace import Labelspace
 from semloc_core.localiser import Localiser
 
 
@@ -76,3 +77,14 @@ def test_nothing_is_said_of_few_answers_or_of_places_without_objects(world):
     for _ in range(100):
         shift.see("home", [])
     assert shift.objects() is None
+
+
+def test_synonyms_are_one_class(tmp_path):
+    space = Labelspace("test", CLASSES, synonyms={"sofa": "couch"})
+    world = make_map(tmp_path / "home.map", make_model(space=space), home=building_update())
+    shift = ClassShift(world)
+    for _ in range(FEWEST):
+        shift.see("home", ["sofa", "couch"])
+        shift.explain("home", {"sofa": 0.5, "couch": 0.5})
+    assert "sofa" not in shift.objects().classes
+    assert shift.attributions().classes["couch"] > 0
