@@ -214,7 +214,7 @@ def confusion_figure(plan: Plan, places: ArrayLike, counts: Sequence[int], numbe
 def similarity_figure(
     plan: Plan, similarity: ArrayLike, query: ArrayLike | None = None, *, objects: bool = True
 ) -> Figure:
-    """Places coloured by their cosine similarity to a query (the paper's Figure 1).
+    """Places coloured by their cosine similarity to a query (the paper's Figure 1), from the least to the largest.
 
     Args:
         plan: the building.
@@ -229,11 +229,9 @@ def similarity_figure(
         axes = drawn.add_subplot()
         draw_building(axes, plan)
         order = np.argsort(values, kind="stable")
-        low = min(0.0, float(values.min(initial=0.0)))
         x, y = plan.places[order].T
         marks = axes.scatter(
-            x, y, c=values[order], cmap=SCALE, vmin=low, vmax=1, s=22, linewidths=0, zorder=3,
-            gid="similarity",
+            x, y, c=values[order], cmap=SCALE, s=22, edgecolors=INK, linewidths=0.2, zorder=3, gid="similarity",
         )  # fmt: skip
         handles: list[Line2D] = []
         if objects and plan.objects:

@@ -17,26 +17,29 @@ CONTROL_LINE = (0, (1, 1.5))
 
 
 def matrices_figure(matrices: Mapping[str, ArrayLike]) -> Figure:
-    """Place–query matrices side by side, on one scale (the paper's truth, bag of words and model).
+    """Place–query matrices side by side (the paper's truth, bag of words and model).
+
+    Each has its own scale, from its least to its largest value, as the bar below it says: encoders spread their
+    similarities differently, and what is compared is the pattern.
 
     Args:
-        matrices: title -> (Q, P), a query a row; similarities, or 1 where the place is right and 0 elsewhere.
-            All have one shape.
+        matrices: title -> (Q, P), a query a row; similarities, or 1 where the place is right and 0 elsewhere. All
+            have one shape; let neighbours in the building be neighbours in the order, so that a diagonal is seen.
 
     """
     values = {title: np.asarray(matrix, dtype=np.float64) for title, matrix in matrices.items()}
     shapes = {matrix.shape for matrix in values.values()}
     assert len(shapes) == 1, shapes
-    low = min(0.0, *(float(matrix.min(initial=0.0)) for matrix in values.values()))
     with figure(2.6) as drawn:
         row = drawn.subplots(1, len(values), sharey=True, squeeze=False)[0]
         for number, (axes, (title, matrix)) in enumerate(zip(row, values.items(), strict=True)):
-            image = axes.imshow(matrix, cmap=SCALE, vmin=low, vmax=1.0, aspect="auto", gid=f"matrix-{number}")
+            image = axes.imshow(matrix, cmap=SCALE, aspect="auto", gid=f"matrix-{number}")
             axes.set_title(title)
             axes.set_xlabel("place")
             axes.tick_params(labelsize=8.5)
+            bar = drawn.colorbar(image, ax=axes, location="bottom", shrink=0.9, aspect=14)
+            bar.ax.tick_params(labelsize=8.5)
         row[0].set_ylabel("query")
-        drawn.colorbar(image, ax=row, location="bottom", shrink=0.6, aspect=35, label="similarity")
     return drawn
 
 
@@ -149,8 +152,9 @@ def shift_figure(classes: Sequence[str], shift: ArrayLike, drop: ArrayLike, corr
                 x[number], y[number], s=52, marker=style.marker, color=style.colour, edgecolors=INK, linewidths=0.5,
                 zorder=3, gid=f"class-{number}", label=shown(name),
             )  # fmt: skip
-            # The name stands at the mark too: a legend alone makes the reader match seven shapes.
-            at = (float(x[number].mean()), float(y[number].max()))
+            # The name stands at the highest mark: a legend would make the reader match shapes.
+            top = int(np.argmax(y[number]))
+            at = (float(x[number, top]), float(y[number, top]))
             axes.annotate(name, at, (0, 7), textcoords="offset points", ha="center", fontsize=9)
         axes.margins(0.14)
         axes.axhline(0.0, color=INK, alpha=0.4, linewidth=0.8)
