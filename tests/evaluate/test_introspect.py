@@ -82,7 +82,7 @@ def test_class_ablation_is_the_loss_of_pr_auc():
     everywhere, here_and_there = (chairs_of(building(objects=o, length=n)) for o, n in ((40, 30), (8, 60)))
     assert class_frequencies(everywhere, SPACE) == {"chair": 1.0}
     assert ablate_classes(model, everywhere, everywhere)["chair"] == pytest.approx(0)
-    assert ablate_classes(model, here_and_there, here_and_there)["chair"] > 0.1
+    assert ablate_classes(model, here_and_there, here_and_there)["chair"] > 0.05
 
 
 def chairs_of(arrays: GraphArrays) -> GraphArrays:

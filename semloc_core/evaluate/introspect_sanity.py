@@ -1,0 +1,152 @@
+"""Are explanations about the model: they must change with its weights, and should not hang on a free choice."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from semloc_core.evaluate.introspect_agreement import spearman
+from semloc_core.evaluate.rows import Row
+from semloc_core.explain.ego_cut import PlaceBatches
+from semloc_core.explain.explainers import EXPLAINERS, explain
+from semloc_core.explain.integrated_gradients import BASELINES, integrated_gradients
+from semloc_core.explain.similarity import SimilarityQuery
+from semloc_core.graph_arrays import GraphArrays
+from semloc_core.model import Model, embed_graph
+
+Floats = NDArray[np.float64]
+
+
+def randomisation_rows(
+    model: Model,
+    query: GraphArrays,
+    reference: GraphArrays,
+    places: Sequence[int],
+    *,
+    methods: Sequence[str] = tuple(EXPLAINERS),
+    seed: int = 0,
+) -> list[Row]:
+    """The model-randomisation check: how alike attributions are when weights are shuffled, layer by layer.
+
+    Adebayo et al., "Sanity Checks for Saliency Maps", NeurIPS 2018. From the output to the input each layer's weights
+    are permuted, those above it staying so (``cascading``), and also each layer alone (``alone``). An explainer whose
+    attributions stay much the same (a correlation near 1) does not look at the model.
+
+    Args:
+        model: the model; its encoder in eval mode. It is not changed.
+        query: the query graph; its places are those of ``reference``.
+        reference: the map's graph.
+        places: the places to explain.
+        methods: explainers.
+        seed: of the permutations and of what samples.
+
+    Returns:
+        A row a method, layer and way: ``method``, ``scope`` (the layer), ``way``, ``spearman``: the mean over the
+        places of the rank correlation with the attributions of the model as it is (NaN where there is none).
+
+    """
+    before = _scores(model, query, reference, places, methods, seed)
+    rows: list[Row] = []
+    for cascading in (True, False):
+        for layer, shuffled in _shuffled(model, cascading, np.random.default_rng([seed, 2])):
+            after = _scores(shuffled, query, reference, places, methods, seed)
+            rows += [
+                {
+                    "method": method,
+                    "scope": layer,
+                    "way": "cascading" if cascading else "alone",
+                    "spearman": _mean_correlation(before[method], after[method]),
+                }
+                for method in methods
+            ]
+    return rows
+
+
+def baseline_rows(
+    model: Model, query: GraphArrays, reference: GraphArrays, places: Sequence[int], *, steps: int = 50
+) -> list[Row]:
+    """How much Integrated Gradients hangs on its baseline: rank correlation of scores from each with those from zero.
+
+    Returns:
+        A row a baseline: ``method``, ``scope`` (the baseline), ``spearman`` and ``gap``, the mean magnitude of the
+        completeness gap over the places.
+
+    """
+    questions = list(_questions(model, query, reference, places))
+    found = {
+        baseline: [integrated_gradients(question, steps=steps, baseline=baseline) for question in questions]
+        for baseline in BASELINES
+    }
+    return [
+        {
+            "method": "integrated_gradients",
+            "scope": baseline,
+            "spearman": _mean_correlation([s.scores for s in found["zero"]], [s.scores for s in scores]),
+            "gap": float(np.mean([abs(s.completeness_gap or 0.0) for s in scores])),
+        }
+        for baseline, scores in found.items()
+    ]
+
+
+def _questions(
+    model: Model, query: GraphArrays, reference: GraphArrays, places: Sequence[int]
+) -> Iterator[SimilarityQuery]:
+    """The places with at least three objects in reach: on fewer a rank correlation says nothing."""
+    targets = torch.from_numpy(embed_graph(model, reference))
+    batches = PlaceBatches(query, len(model.labelspace), model.encoder.extraction)
+    for place in places:
+        batch = batches.of(place)
+        if int(batch.is_object.sum()) >= 3:
+            names = [model.labelspace.classes[c] for c in batch.features.argmax(1).tolist()]
+            yield SimilarityQuery.from_encoder(model.encoder, batch, targets[place], names)
+
+
+def _scores(
+    model: Model,
+    query: GraphArrays,
+    reference: GraphArrays,
+    places: Sequence[int],
+    methods: Sequence[str],
+    seed: int,
+) -> dict[str, list[Floats]]:
+    found: dict[str, list[Floats]] = {method: [] for method in methods}
+    for number, question in enumerate(_questions(model, query, reference, places)):
+        for method in methods:
+            found[method].append(explain(question, method, np.random.default_rng([seed, number])).scores)
+    return found
+
+
+def _shuffled(model: Model, cascading: bool, rng: np.random.Generator) -> Iterator[tuple[str, Model]]:
+    """The model with one more layer's weights permuted each time, from the output on; or with that layer's only."""
+    layers = [name for name, _ in _layers(model.encoder)]
+    encoder = copy.deepcopy(model.encoder)
+    for name in reversed(layers):
+        if not cascading:
+            encoder = copy.deepcopy(model.encoder)
+        with torch.no_grad():
+            for parameter in encoder.get_submodule(name).parameters():
+                order = torch.from_numpy(rng.permutation(parameter.numel()))
+                parameter.copy_(parameter.flatten()[order].view_as(parameter))
+        yield name, Model(encoder, model.labelspace, model.seed, model.temperature)
+
+
+def _layers(encoder: nn.Module) -> list[tuple[str, nn.Module]]:
+    """Parts that have weights, in order; of a list of layers each for itself."""
+    found: list[tuple[str, nn.Module]] = []
+    for name, child in encoder.named_children():
+        if isinstance(child, nn.ModuleList):
+            found += [(f"{name}.{i}", layer) for i, layer in enumerate(child)]
+        elif any(True for _ in child.parameters()):
+            found.append((name, child))
+    return found
+
+
+def _mean_correlation(before: Sequence[Floats], after: Sequence[Floats]) -> float:
+    each = [spearman(a, b)[0] for a, b in zip(before, after, strict=True)]
+    defined = [rho for rho in each if not np.isnan(rho)]
+    return float(np.mean(defined)) if defined else float("nan")
