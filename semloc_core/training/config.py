@@ -99,8 +99,8 @@ class TrainConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     seed: Annotated[
         int, Meta(ge=0, le=2**63 - 1, description="seed of weights, split, perturbations and batches")
     ] = 0
-    steps: Annotated[int, Meta(ge=1, le=10_000_000, description="optimiser steps")] = 200
-    learning_rate: Annotated[float, Meta(gt=0.0, le=1.0, description="Adam's step size at the start")] = 5e-3
+    steps: Annotated[int, Meta(ge=1, le=10_000_000, description="optimiser steps")] = 180
+    learning_rate: Annotated[float, Meta(gt=0.0, le=1.0, description="Adam's step size at the start")] = 1e-2
     warmup_steps: Annotated[int, Meta(ge=0, description="steps over which the step size rises from zero")] = (
         10
     )
