@@ -73,3 +73,50 @@ def relocalise(
         )
     shown = rows if per_building else [row for row in rows if row["scope"] == "all"]
     show("evaluate relocalise", seed, [root], shown, json_file, title=str(root))
+
+
+@app.command("online")
+def online(
+    root: Annotated[Path, typer.Argument(metavar="ROOT", help="Folder of buildings: ROOT/*/map.json and query.json.")],
+    model: Annotated[
+        list[Path] | None, typer.Option("--model", metavar="MODEL", help="Evaluate this trained model too.")
+    ] = None,
+    walks: Annotated[int, typer.Option(min=1, help="Walks a building, on average.")] = 10,
+    range_m: Annotated[float, typer.Option(min=0.0, help="Sensing range along the graph, m.")] = 4.0,
+    flicker_rate: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="Chance, a step, that an object in range is lost until seen again.")
+    ] = 0.0,
+    object_noise_m: Annotated[
+        float, typer.Option(min=0.0, help="Standard deviation of an object's position, m per axis.")
+    ] = 0.0,
+    place_noise_m: Annotated[
+        float, typer.Option(min=0.0, help="Standard deviation of a place's position, m per axis.")
+    ] = 0.0,
+    bound: Annotated[bool, typer.Option(help="Count the places that agree with all that was seen.")] = True,
+    seed: Seed = 0,
+    json_file: Json = None,
+) -> None:
+    """Every building's query graph revealed along walks, asked against all buildings' maps, by metres walked."""
+    from semloc_core.config import checked
+    from semloc_core.evaluate.online import evaluate_online
+    from semloc_core.evaluate.walks import WalkConfig
+    from semloc_core.model import Model
+
+    config = checked(
+        WalkConfig,
+        range_m=range_m,
+        flicker_rate=flicker_rate,
+        object_noise_m=object_noise_m,
+        place_noise_m=place_noise_m,
+    )
+    with progress("evaluating") as bar:
+        rows = evaluate_online(
+            root,
+            models=[Model.load(m) for m in model or []],
+            config=config,
+            walks=walks,
+            bound=bound,
+            seed=seed,
+            progress=bar,
+        )
+    show("evaluate online", seed, [root], rows, json_file, title=str(root))
