@@ -119,13 +119,13 @@ class TrainConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         Meta(
             ge=2, le=1000, description="perturbed variants of each building that are kept to draw pairs from"
         ),
-    ] = 8
+    ] = 24
     refresh_steps: Annotated[
         int,
         Meta(
             ge=1, description="steps after which the oldest variant of each building is replaced by a new one"
         ),
-    ] = 5
+    ] = 1
     perturb: Annotated[PerturbConfig, Meta(description="what makes the training pairs")] = PerturbConfig()
     validate: Annotated[PerturbConfig, Meta(description="what makes the validation pairs")] = PerturbConfig()
     validate_steps: Annotated[
