@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from semloc_core import __version__
-from semloc_core.cli import bags, evaluate, explain, maps, replay, report, train, world
+from semloc_core.cli import bags, evaluate, explain, introspect, maps, replay, report, train, world
 from semloc_core.errors import SemlocError
 
 HELP = """Tells a robot where it is, and why it thinks so, from the semantics of a 3D scene graph.
@@ -60,6 +60,7 @@ app.add_typer(world.app, name="world")
 app.add_typer(bags.app, name="bag")
 app.command("replay")(replay.replay)
 app.command("explain")(explain.explain)
+app.command("introspect")(introspect.introspect)
 app.add_typer(evaluate.app, name="evaluate")
 app.add_typer(report.app, name="report")
 

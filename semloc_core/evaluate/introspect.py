@@ -103,12 +103,16 @@ def introspect(
         progress: told of every step.
 
     """
-    from semloc_core.training.loop import train
+    from semloc_core.training.loop import Report, train
 
     config = config or TrainConfig()
     runs = []
     for number, seed in enumerate(seeds, start=1):
-        result = train([arrays], labelspace, msgspec.structs.replace(config, seed=seed))
+
+        def report(step: Report, number: int = number) -> None:
+            progress(step.step, config.steps, f"run {number}, training")
+
+        result = train([arrays], labelspace, msgspec.structs.replace(config, seed=seed), progress=report)
         variants = office_variants(arrays, labelspace, seed, perturbation)
         runs.append(
             introspect_run(
@@ -239,6 +243,18 @@ def table_rows(runs: Sequence[Run], methods: Sequence[str]) -> list[Row]:
                 }
                 for i, budget in enumerate(curve.budgets)
             ]
+    return rows
+
+
+def ranking_rows(runs: Sequence[Run], methods: Sequence[str]) -> list[Row]:
+    """Table IV: a row a method and run, with the classes by falling score under the names 1, 2 and so on."""
+    rows: list[Row] = []
+    for method in (ABLATION, *methods):
+        for number, run in enumerate(runs, start=1):
+            row: Row = {"method": method, "scope": f"run {number}"}
+            for rank, name in enumerate(run.ranking(method), start=1):
+                row[str(rank)] = name
+            rows.append(row)
     return rows
 
 

@@ -6,7 +6,14 @@ import torch
 from small_building import SPACE, building_update, make_model
 
 from semloc_core.errors import ConfigError
-from semloc_core.evaluate.introspect import ABLATION, agreement_rows, introspect_run, table_rows
+from semloc_core.evaluate.introspect import (
+    ABLATION,
+    agreement_rows,
+    introspect,
+    introspect_run,
+    ranking_rows,
+    table_rows,
+)
 from semloc_core.evaluate.introspect_ablation import (
     ablate_classes,
     class_frequencies,
@@ -22,6 +29,7 @@ from semloc_core.explain.explainers import CONTROLS, EXPLAINERS
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.model import embed_graph
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.training.config import TrainConfig
 
 
 def building(**options) -> GraphArrays:
@@ -142,6 +150,32 @@ def test_a_run_and_its_rows():
             part = row["pr_auc_drop"] if method == ABLATION else row["shift"]
             assert row["score"] == pytest.approx(part / row["frequency"])
     assert {row["method"] for row in rows if "budget" in row} == {*methods, *CONTROLS, "inverted"}
+    table = ranking_rows(runs, methods)
+    assert [(row["method"], row["scope"]) for row in table[:3]] == [
+        (ABLATION, "run 1"),
+        (ABLATION, "run 2"),
+        (methods[0], "run 1"),
+    ]
+    assert all(
+        {row[str(rank)] for rank in range(1, 5)} == set(SPACE.classes) for row in table
+    )  # each class once
     agreement = agreement_rows(runs, methods)
     assert [row["method"] for row in agreement] == [ABLATION, *methods]
     assert all(0 <= row["kendall_w"] <= 1 for row in agreement)
+
+
+def test_the_whole_study_trains_explains_and_repeats():
+    arrays = building(length=24, objects=30, seed=2)
+    told: list[str] = []
+    config = TrainConfig(steps=3, warmup_steps=0, validate_steps=3)
+
+    def study():
+        return introspect(
+            arrays, SPACE, seeds=(0, 1), config=config, methods=["attention", "saliency"], shift_places=2,
+            progress=lambda done, total, words: told.append(words),
+        )  # fmt: skip
+
+    found = study()
+    assert found.rows == study().rows
+    assert {"run 1, training", "run 2", "run 1, without chair"} <= set(told)
+    assert {row["method"] for row in found.rows} == {ABLATION, "attention", "saliency", "random", "inverted"}

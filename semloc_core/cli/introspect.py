@@ -1,0 +1,59 @@
+"""``semloc introspect``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from semloc_core.cli.common import (
+    Json,
+    LabelspaceOption,
+    Seed,
+    console,
+    pick_labelspace,
+    progress,
+    read_graph,
+    report_unknown_classes,
+)
+
+
+def introspect(
+    graph: Annotated[Path, typer.Argument(metavar="GRAPH", help="The scene graph.")],
+    labelspace: LabelspaceOption = None,
+    runs: Annotated[int, typer.Option("--runs", min=1, help="Trainings, with seeds from --seed on.")] = 3,
+    methods: Annotated[
+        str | None, typer.Option("--methods", metavar="NAME,…", help="Explainers, by comma; default: all.")
+    ] = None,
+    seed: Seed = 0,
+    json_file: Json = None,
+) -> None:
+    """Train, explain every place, remove every class: which classes matter, by whom, and who can be trusted."""
+    from semloc_core.evaluate.introspect import introspect as study
+    from semloc_core.evaluate.introspect import ranking_rows
+    from semloc_core.evaluate.table import document, print_table
+    from semloc_core.explain.explainers import EXPLAINERS, check_methods
+    from semloc_core.graph_arrays import GraphArrays
+    from semloc_core.labelspace import count_unknown
+
+    chosen = list(EXPLAINERS) if methods is None else [name.strip() for name in methods.split(",")]
+    check_methods(chosen)
+    given = pick_labelspace(labelspace)
+    read = read_graph(graph, given)
+    space = given or read.labelspace
+    report_unknown_classes(count_unknown(read.graph, space), str(graph))
+    arrays = GraphArrays.from_scene_graph(read.graph, space, graph.stem)
+    with progress("introspecting") as bar:
+        found = study(arrays, space, seeds=range(seed, seed + runs), methods=chosen, progress=bar)
+    table = ranking_rows(found.runs, chosen)
+    print_table(table, title="classes by falling importance (Table IV)", console=console)
+    at_budget = [row for row in found.rows if row.get("budget") == 0.3]
+    print_table(at_budget, title="fidelity at a budget of 0.3", console=console)
+    print_table(
+        [row for row in found.rows if "ablation" in row or "kendall_w" in row],
+        title="agreement",
+        console=console,
+    )
+    if json_file is not None:
+        json_file.write_bytes(document("introspect", seed, [str(graph)], [*table, *found.rows]))
