@@ -58,7 +58,7 @@ def test_places_lie_as_hydras_do(office: World) -> None:
     arrays = arrays_of(office)
     nearest = cKDTree(arrays.place_positions[:, :2]).query(arrays.place_positions[:, :2], k=2)[0][:, 1]
     assert np.quantile(nearest, 0.02) >= 0.4
-    assert np.quantile(nearest, 0.9) <= 0.9
+    assert np.quantile(nearest, 0.99) <= 0.9
     assert 4.0 < 2 * arrays.place_edges.shape[1] / arrays.n_places < 6.0
     assert 0.05 < arrays.place_positions[:, 2].std() < 0.3
 
@@ -92,9 +92,9 @@ def test_same_seed_same_world_another_seed_another() -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_no_edge_goes_through_a_wall_or_through_furniture(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    plan = corridor_plan(TINY.rooms, rng, wings=2, depth_m=4.0, corridor_m=2.0, door_m=1.0)
+    plan = corridor_plan(TINY.rooms, rng, wings=2, depth_m=4.0, corridor_m=2.0, passages=0.5, passage_m=2.0)
     items = furnish(plan, TINY.furniture, rng)
-    points, rooms = sample_places(plan, items, TINY.spacing_m, rng)
+    points, rooms = sample_places(plan, items, TINY.darts_per_m2, TINY.spacing_m, rng)
     edges = traversability(plan, items, points, rooms, TINY.max_edge_m)
     assert edges.shape[1] > 100
     for a, b in edges.T:
@@ -113,7 +113,7 @@ def test_no_edge_goes_through_a_wall_or_through_furniture(seed: int) -> None:
 def test_furniture_neither_overlaps_nor_leaves_its_room() -> None:
     rng = np.random.default_rng(3)
     config = OfficeConfig()
-    plan = corridor_plan(config.rooms, rng, wings=2, depth_m=5.5, corridor_m=2.4, door_m=1.0)
+    plan = corridor_plan(config.rooms, rng, wings=2, depth_m=5.5, corridor_m=2.4, passages=0.5, passage_m=2.5)
     items = furnish(plan, config.furniture, rng)
     for i, item in enumerate(items):
         room = plan.rooms[item.room]
@@ -154,3 +154,15 @@ def test_furniture_that_does_not_fit_is_an_error(furniture: Furniture, message: 
     config = msgspec.structs.replace(TINY, furniture=(TINY.furniture[0], furniture))
     with pytest.raises(ConfigError, match=message + r".*\(got"):
         make_office(config, np.random.default_rng(0))
+
+
+def test_a_door_as_wide_as_its_room_fits() -> None:
+    kinds = (RoomKind("hall", 4, (4.0, 8.0), door_m=20.0),)
+    for seed in range(20):
+        plan = corridor_plan(
+            kinds, np.random.default_rng(seed), wings=1, depth_m=4.0, corridor_m=2.0, passages=1.0, passage_m=20.0
+        )
+        for door in plan.doors:
+            for room in (plan.rooms[i] for i in door.rooms if plan.rooms[i].kind == "hall"):
+                assert room.low[door.axis] - 1e-9 <= door.centre[door.axis] - door.width / 2
+                assert door.centre[door.axis] + door.width / 2 <= room.high[door.axis] + 1e-9

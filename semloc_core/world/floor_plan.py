@@ -15,11 +15,12 @@ FIRST_WIDTH_M = 1.0
 
 
 class RoomKind(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``count`` rooms of one kind, their ``width_m`` along the corridor drawn between two bounds."""
+    """``count`` rooms of one kind: ``width_m`` along the corridor drawn between two bounds, ``door_m`` its door's."""
 
     name: str
     count: int
     width_m: tuple[float, float]
+    door_m: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -57,20 +58,23 @@ def corridor_plan(
     wings: int,
     depth_m: float,
     corridor_m: float,
-    door_m: float,
+    passages: float,
+    passage_m: float,
 ) -> FloorPlan:
     """Lay rooms out along the corridors of one or more wings.
 
     Each wing is a corridor with rooms on either side; wings lie one above the other and a cross-corridor at the left
-    joins them. Rooms come in random order, each to the row that is shortest so far.
+    joins them. Rooms come in random order, each to the row that is shortest so far; each has a door to its corridor,
+    and some have an opening to the next room of the row.
 
     Args:
         kinds: which rooms.
-        rng: source of order, widths and door positions.
+        rng: source of order, widths, doors and openings.
         wings: number of corridors.
         depth_m: depth of the rooms, from corridor to outer wall.
         corridor_m: width of the corridors.
-        door_m: width of the doors.
+        passages: probability that neighbouring rooms are joined.
+        passage_m: width of the openings between them.
 
     """
     wanted = [kind for kind in kinds for _ in range(kind.count)]
@@ -96,13 +100,20 @@ def corridor_plan(
             middle = wing * pitch + depth_m + corridor_m / 2
             doors.append(Door((wing, wings), (0.0, middle), axis=1, width=corridor_m))
     numbers: dict[str, int] = {}
+    latest: dict[int, int] = {}
     for row, kind, left, right in placed:
         wing, above = divmod(row, 2)
         wall = wing * pitch + depth_m + above * corridor_m
         low_y, high_y = (wall, wall + depth_m) if above else (wall - depth_m, wall)
-        number = numbers[kind.name] = numbers.get(kind.name, -1) + 1
-        clear = min(door_m / 2 + 0.2, (right - left) / 2)
-        centre = (float(rng.uniform(left + clear, right - clear)), wall)
-        doors.append(Door((len(rooms), wing), centre, axis=0, width=door_m))
+        index, number = len(rooms), numbers.get(kind.name, 0)
         rooms.append(Room(f"{kind.name} {number}", kind.name, (left, low_y), (right, high_y)))
+        numbers[kind.name] = number + 1
+        door = min(kind.door_m, right - left - 0.4)
+        centre = left + 0.2 + door / 2 + float(rng.random()) * max(0.0, right - left - 0.4 - door)
+        doors.append(Door((index, wing), (centre, wall), axis=0, width=door))
+        if row in latest and rng.random() < passages:
+            opening = min(passage_m, depth_m)
+            centre = low_y + opening / 2 + float(rng.random()) * (depth_m - opening)
+            doors.append(Door((index, latest[row]), (left, centre), axis=1, width=opening))
+        latest[row] = index
     return FloorPlan(tuple(rooms), tuple(doors))

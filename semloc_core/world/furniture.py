@@ -183,6 +183,6 @@ def _overlap(a: Point, a_half: Point, b: Point, b_half: Point) -> bool:
 
 
 def _blocks(centre: Point, half: Point, door: Door) -> bool:
-    """Whether a footprint stands in front of a door, or of the middle of a wide opening."""
-    clear = min(door.width, 1.2) / 2
+    """Whether a footprint stands in front of a door."""
+    clear = door.width / 2
     return _overlap(centre, half, door.centre, (clear, 0.7) if door.axis == 0 else (0.7, clear))

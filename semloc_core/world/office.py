@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from semloc_core.hydra_write import Room, node_id, write_hydra
+from semloc_core.hydra.write import Room, node_id, write_hydra
 from semloc_core.labelspace import Labelspace, load_labelspace
 from semloc_core.scene_graph import SceneGraph
 from semloc_core.wire import Object, Place, SceneGraphUpdate
@@ -17,47 +17,75 @@ from semloc_core.world.floor_plan import CORRIDOR, FloorPlan, RoomKind, corridor
 from semloc_core.world.furniture import Furniture, Item, furnish
 from semloc_core.world.places import Floats, Ints, largest_component, sample_places, traversability
 
-WORK = ("office", "open plan")
-SOCIAL = ("lounge", "kitchen")
-
 OFFICE_ROOMS = (
-    RoomKind("office", 14, (3.6, 4.8)),
-    RoomKind("open plan", 3, (8.0, 10.0)),
-    RoomKind("meeting", 3, (5.0, 6.5)),
-    RoomKind("lounge", 3, (6.0, 8.0)),
-    RoomKind("kitchen", 1, (5.0, 6.0)),
-    RoomKind("store", 2, (3.0, 4.0)),
+    RoomKind("open plan", 3, (12.2, 17.4), door_m=3.0),
+    RoomKind("lounge", 1, (10.2, 14.6), door_m=3.0),
+    RoomKind("office", 4, (3.6, 4.8)),
+    RoomKind("kitchen", 1, (4.5, 6.0)),
 )
 
 # Counts: the paper's Table I. A computer's footprint is its desk's.
 OFFICE_FURNITURE = (
-    Furniture("computer", 35, "wall", (0.5, 0.4, 0.45), 0.95, rooms=WORK, per_room=(1, 3), footprint=(1.4, 0.75)),
-    Furniture("couch", 11, "wall", (1.9, 0.9, 0.8), 0.4, rooms=(*SOCIAL, "meeting"), per_room=(1, 3)),
+    Furniture(
+        "computer",
+        35,
+        "wall",
+        (0.5, 0.4, 0.45),
+        0.95,
+        rooms=("office", "open plan"),
+        per_room=(12, 14),
+        group_m=6.0,
+        footprint=(1.4, 0.75),
+    ),
+    Furniture(
+        "couch",
+        11,
+        "wall",
+        (1.9, 0.9, 0.8),
+        0.4,
+        rooms=("lounge", "kitchen", "open plan"),
+        per_room=(5, 6),
+        group_m=6.0,
+    ),
     Furniture("chair", 28, "beside", (0.6, 0.6, 0.95), 0.48, beside="computer"),
-    Furniture("plant", 13, "wall", (0.5, 0.5, 1.2), 0.6, rooms=(*SOCIAL, "meeting", "open plan", CORRIDOR)),
-    Furniture("painting", 8, "wall", (1.0, 0.05, 0.8), 1.6, rooms=(CORRIDOR, "meeting", "lounge")),
+    Furniture(
+        "plant",
+        13,
+        "wall",
+        (0.5, 0.5, 1.2),
+        0.6,
+        rooms=("lounge", "open plan", CORRIDOR),
+        per_room=(5, 6),
+        group_m=6.0,
+    ),
+    Furniture("painting", 8, "wall", (1.0, 0.05, 0.8), 1.6, rooms=(CORRIDOR, "lounge")),
     Furniture("trash can", 8, "beside", (0.3, 0.3, 0.4), 0.2, beside="computer"),
-    Furniture("trash can", 7, "door", (0.3, 0.3, 0.4), 0.2, rooms=("kitchen", "meeting", "lounge", CORRIDOR)),
+    Furniture("trash can", 7, "door", (0.3, 0.3, 0.4), 0.2, rooms=("kitchen", "lounge", "open plan", CORRIDOR)),
 )
 
 
 class OfficeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What to build. The defaults are the office whose difficulty is fitted to the paper's bag of words.
+    """What to build; by default an office as hard as the paper's, for bag of words.
 
-    ``rooms`` and ``furniture``: what there is; ``wings``: number of corridors; ``depth_m``, ``corridor_m``,
-    ``door_m``: depth of rooms, width of corridors and doors; ``spacing_m``: bounds of the distance a place keeps from
-    others; ``max_edge_m``: longest traversability edge; ``place_height_m`` and ``place_height_std_m``: places float
-    at this height, give or take; ``labelspace``: name or path of the labelspace that has the furniture's classes.
-    Metres.
+    How hard that is, `semloc_core.evaluate.difficulty` measures.
+
+    ``rooms`` and ``furniture``: what there is; ``wings``: number of corridors; ``depth_m``, ``corridor_m``: depth of
+    rooms and width of corridors; ``passages``, ``passage_m``: share of neighbouring rooms that an opening joins, and
+    how wide it is; ``darts_per_m2``: places thrown, of which those are kept that keep a distance between the bounds
+    ``spacing_m`` from others; ``max_edge_m``: longest traversability edge; ``place_height_m``,
+    ``place_height_std_m``: places float at this height, give or take; ``labelspace``: name or path of the one
+    that has the furniture's classes. Metres.
     """
 
     rooms: tuple[RoomKind, ...] = OFFICE_ROOMS
     furniture: tuple[Furniture, ...] = OFFICE_FURNITURE
-    wings: int = 2
-    depth_m: float = 5.5
-    corridor_m: float = 2.4
-    door_m: float = 1.0
-    spacing_m: tuple[float, float] = (0.4, 0.9)
+    wings: int = 1
+    depth_m: float = 6.3
+    corridor_m: float = 3.0
+    passages: float = 0.0
+    passage_m: float = 2.5
+    darts_per_m2: float = 24.0
+    spacing_m: tuple[float, float] = (0.4, 0.65)
     max_edge_m: float = 1.6
     place_height_m: float = 1.2
     place_height_std_m: float = 0.12
@@ -70,7 +98,7 @@ class World:
 
     Args:
         graph: places, objects, edges (one object–place edge an object: its nearest place in the room).
-        rooms: node id -> room; a doorway's places belong to the room that is not a corridor.
+        rooms: node id -> room; a doorway's places belong to one of its two rooms.
         labelspace: classes of the objects.
 
     """
@@ -101,10 +129,11 @@ def make_office(config: OfficeConfig, rng: np.random.Generator) -> World:
         wings=config.wings,
         depth_m=config.depth_m,
         corridor_m=config.corridor_m,
-        door_m=config.door_m,
+        passages=config.passages,
+        passage_m=config.passage_m,
     )
     items = furnish(plan, config.furniture, rng)
-    points, rooms = sample_places(plan, items, config.spacing_m, rng)
+    points, rooms = sample_places(plan, items, config.darts_per_m2, config.spacing_m, rng)
     edges = traversability(plan, items, points, rooms, config.max_edge_m)
     kept = largest_component(len(points), edges)
     new_index = np.cumsum(kept) - 1

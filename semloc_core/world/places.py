@@ -16,13 +16,16 @@ Ints = NDArray[np.int64]
 
 WALL_MARGIN_M = 0.3
 FURNITURE_MARGIN_M = 0.1
-DARTS_PER_M2 = 8
 DOOR_SPACING_M = 0.8
 DOOR_EDGES = 3
 
 
 def sample_places(
-    plan: FloorPlan, items: Sequence[Item], spacing_m: tuple[float, float], rng: np.random.Generator
+    plan: FloorPlan,
+    items: Sequence[Item],
+    darts_per_m2: float,
+    spacing_m: tuple[float, float],
+    rng: np.random.Generator,
 ) -> tuple[Floats, Ints]:
     """Throw darts into free space; keep those far enough from the ones kept before, each by a distance of its own.
 
@@ -31,6 +34,7 @@ def sample_places(
     Args:
         plan: the floor.
         items: what stands on it.
+        darts_per_m2: how many are thrown; few leave gaps, many leave places as near as ``spacing_m`` allows.
         spacing_m: bounds of the distance that a place keeps from those before it.
         rng: source of the darts.
 
@@ -49,7 +53,7 @@ def sample_places(
         rooms.append(np.full(n, -1 - d))
     for r, room in enumerate(plan.rooms):
         low, high = np.array(room.low), np.array(room.high)
-        n = int(DARTS_PER_M2 * np.prod(high - low))
+        n = int(darts_per_m2 * np.prod(high - low))
         darts = rng.uniform(low + WALL_MARGIN_M, high - WALL_MARGIN_M, size=(n, 2))
         apart = rng.uniform(*spacing_m, size=n)
         for item in (item for item in items if item.room == r):
