@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from semloc_core.explain.intrinsic import intrinsic_scores
 from semloc_core.explain.scores import class_scores
-from semloc_core.map_loaded import LoadedMap
+from semloc_core.map_database.loaded import LoadedMap
 from semloc_core.place_graph import extract
 from semloc_core.visibility import Visibility
 

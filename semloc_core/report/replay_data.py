@@ -26,7 +26,7 @@ from semloc_core.bag import (
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import BagError, MapError
 from semloc_core.evaluate.rows import Row
-from semloc_core.map_loaded import LoadedMap
+from semloc_core.map_database.loaded import LoadedMap
 from semloc_core.report.thinned import Thinned
 from semloc_core.traversal_score import LatencyHistogram, TraversalScore, right_matches
 

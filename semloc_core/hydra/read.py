@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from semloc_core.errors import FileFormatError, LabelspaceError
-from semloc_core.hydra_format import (
+from semloc_core.hydra.format import (
     AGENT_TYPE,
     OBJECT_TYPES,
     PLACE_TYPES,
@@ -23,9 +23,7 @@ from semloc_core.hydra_format import (
     Triple,
     read_document,
 )
-from semloc_core.hydra_write import Room as Room
-from semloc_core.hydra_write import node_id as node_id
-from semloc_core.hydra_write import write_hydra as write_hydra
+from semloc_core.hydra.write import Room
 from semloc_core.labelspace import Labelspace, labelspace_from_hydra
 from semloc_core.scene_graph import SceneGraph
 from semloc_core.wire import Object, Place, Position, SceneGraphUpdate

@@ -209,7 +209,7 @@ def test_files_that_are_not_there_or_not_text(file, tmp_path):
 
 def test_a_file_beyond_the_limit_is_not_even_read(file, monkeypatch):
     save(file, [])
-    monkeypatch.setattr("semloc_core.hydra_format.MAX_FILE_BYTES", 5)
+    monkeypatch.setattr("semloc_core.hydra.format.MAX_FILE_BYTES", 5)
     refused(file, "at most 5 bytes")
 
 

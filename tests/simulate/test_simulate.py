@@ -15,15 +15,10 @@ from semloc_core.bag import BagReader, BagWriter, decode_string, read_messages
 from semloc_core.errors import BagError, ConfigError, GraphError
 from semloc_core.geodesic import ball
 from semloc_core.messages import Object, Place, SceneGraphUpdate
+from semloc_core.run import graph_at_end, read_run, write_run
 from semloc_core.scene_graph import SceneGraph
-from semloc_core.simulate import (
-    SimulationConfig,
-    graph_at_end,
-    read_run,
-    simulate_traversal,
-    write_run,
-)
-from semloc_core.simulated_walk import largest_component, shortest_path
+from semloc_core.simulate import SimulationConfig, simulate_traversal
+from semloc_core.simulate.walk import largest_component, shortest_path
 from semloc_core.stream import Outcome, UpdateStream
 
 PERFECT = {"miss_rate": 0.0, "false_rate": 0.0, "position_noise_m": 0.0, "fresh_ids": False}

@@ -2,7 +2,7 @@
 
 Several buildings live in one file, each in its own frame. Every change is a transaction: it is there whole or not
 at all, also after a kill or on a full disk. A map is bound to its model and labelspace by content hashes. How the
-file is opened, locked and left behind: `semloc_core.map_schema`. What localisation reads: `LoadedMap`.
+file is opened, locked and left behind: `semloc_core.map_database.schema`. What localisation reads: `LoadedMap`.
 """
 
 from __future__ import annotations
@@ -17,10 +17,8 @@ from typing import Unpack
 from numpy.typing import ArrayLike
 
 from semloc_core.errors import MapError
-from semloc_core.map_info import describe
-from semloc_core.map_loaded import LoadedMap, load
-from semloc_core.map_meta import MapMeta, check_hash, read_meta, seal, write_model
-from semloc_core.map_records import (
+from semloc_core.map_database.meta import MapMeta, check_hash, read_meta, seal, write_model
+from semloc_core.map_database.records import (
     Note,
     PlaceRows,
     building_key,
@@ -31,11 +29,9 @@ from semloc_core.map_records import (
     read_graph,
     read_places,
 )
-from semloc_core.map_schema import close_writer, connect_to_write, create_file, map_errors
+from semloc_core.map_database.schema import close_writer, connect_to_write, create_file, map_errors
 from semloc_core.model import Model
 from semloc_core.scene_graph import SceneGraph
-
-__all__ = ["LoadedMap", "MapDatabase", "describe", "load"]
 
 logger = logging.getLogger(__name__)
 

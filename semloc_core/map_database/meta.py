@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from semloc_core.errors import MapError, SemlocError
-from semloc_core.map_records import building_digest, content_hash, read_places
-from semloc_core.map_schema import MAX_BLOB_BYTES
+from semloc_core.map_database.records import building_digest, content_hash, read_places
+from semloc_core.map_database.schema import MAX_BLOB_BYTES
 from semloc_core.model import Model
 
 

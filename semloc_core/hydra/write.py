@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from semloc_core.errors import FileFormatError
-from semloc_core.hydra_format import OBJECT_LABELSPACE
+from semloc_core.hydra.format import OBJECT_LABELSPACE
 from semloc_core.labelspace import Labelspace
 from semloc_core.scene_graph import SceneGraph
 from semloc_core.wire import Object, Position

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semloc_core.errors import MapError
-from semloc_core.map_meta import check_hash, read_meta, read_model
-from semloc_core.map_records import (
+from semloc_core.map_database.meta import check_hash, read_meta, read_model
+from semloc_core.map_database.records import (
     PackedGraph,
     PlaceRows,
     building_digest,
@@ -23,8 +23,8 @@ from semloc_core.map_records import (
     read_places,
     unpack_graph,
 )
-from semloc_core.map_schema import read
-from semloc_core.map_search import ExactSearch
+from semloc_core.map_database.schema import read
+from semloc_core.map_database.search import ExactSearch
 from semloc_core.model import Model
 from semloc_core.scene_graph import SceneGraph
 

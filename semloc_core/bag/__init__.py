@@ -1,8 +1,6 @@
 """Bags, in and out: rosbag2's layout on mcap. One place to import from."""
 
-from semloc_core.bag_reader import BagMessage, BagReader, read_messages
-from semloc_core.bag_writer import BagWriter, Compression
-from semloc_core.cdr import (
+from semloc_core.bag.cdr import (
     POINT_STAMPED,
     STRING,
     StampedPoint,
@@ -11,6 +9,8 @@ from semloc_core.cdr import (
     encode_point,
     encode_string,
 )
+from semloc_core.bag.reader import BagMessage, BagReader, read_messages
+from semloc_core.bag.writer import BagWriter, Compression
 
 SCENE_GRAPH_TOPIC = "/scene_graph"
 GROUND_TRUTH_TOPIC = "/ground_truth"

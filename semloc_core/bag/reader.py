@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from semloc_core.bag.mcap_stream import MAX_RECORD_BYTES, McapStream
 from semloc_core.errors import BagError
-from semloc_core.mcap_stream import MAX_RECORD_BYTES, McapStream
 
 _LOG = logging.getLogger(__name__)
 _MAX_METADATA_BYTES = 4 * 2**20

@@ -8,9 +8,9 @@ from typing import Any
 
 import msgspec
 
-from semloc_core.map_loaded import read_map
-from semloc_core.map_meta import read_meta
-from semloc_core.map_schema import FORMAT_VERSION, read
+from semloc_core.map_database.loaded import read_map
+from semloc_core.map_database.meta import read_meta
+from semloc_core.map_database.schema import FORMAT_VERSION, read
 
 
 def describe(path: str | Path) -> dict[str, Any]:

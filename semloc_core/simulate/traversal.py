@@ -18,20 +18,9 @@ from msgspec import Meta
 from semloc_core.config import checked
 from semloc_core.geodesic import ball
 from semloc_core.messages import Odometry, Position, SceneGraphUpdate
-from semloc_core.run import RunItem, graph_at_end, read_run, write_run
 from semloc_core.scene_graph import SceneGraph
-from semloc_core.simulated_sensor import Delta, DetectorErrors, Revealed, perceive
-from semloc_core.simulated_walk import WalkPoint, walk_along, walk_to_goals
-
-__all__ = [
-    "RunItem",
-    "SimulationConfig",
-    "Step",
-    "graph_at_end",
-    "read_run",
-    "simulate_traversal",
-    "write_run",
-]
+from semloc_core.simulate.sensor import Delta, DetectorErrors, Revealed, perceive
+from semloc_core.simulate.walk import WalkPoint, walk_along, walk_to_goals
 
 _NS_PER_S = 1_000_000_000
 

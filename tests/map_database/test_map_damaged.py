@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from map_cases import ONE_LINE, make_map, make_model, same
 
-from semloc_core import map_schema
 from semloc_core.errors import MapError
 from semloc_core.map_database import MapDatabase, describe, load
+from semloc_core.map_database import schema as map_schema
 from semloc_core.model import Model
 
 

@@ -15,8 +15,8 @@ from typing import IO, Any, Literal, NamedTuple
 import yaml
 from mcap.writer import CompressionType, Writer
 
-from semloc_core.bag_reader import BagMessage
-from semloc_core.cdr import POINT_STAMPED, STRING, encode_point, encode_string
+from semloc_core.bag.cdr import POINT_STAMPED, STRING, encode_point, encode_string
+from semloc_core.bag.reader import BagMessage
 from semloc_core.errors import BagError
 from semloc_core.wire import Position
 
