@@ -141,3 +141,17 @@ class TrainConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         Annotated[float, Meta(gt=0.0)] | None,
         Meta(description="stop after so many seconds; the result then depends on the machine's speed"),
     ] = None
+
+
+PERTURBATIONS: dict[str, PerturbConfig] = {
+    "paper": PerturbConfig(),
+    "detector": PerturbConfig(
+        jitter_m=0.1,
+        drop_probability=0.25,
+        false_ratio=0.1,
+        mislabel_probability=0.05,
+        resample_probability=1.0,
+    ),
+}
+"""Named views of another day: ``paper`` moves objects only; ``detector`` is what a robot gets on a new run: its own
+places, a quarter of the objects missed, others invented or mislabelled."""
