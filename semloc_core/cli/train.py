@@ -27,6 +27,13 @@ def train(
     encoder: Annotated[
         str, typer.Option(help="paper, rings, bag_of_words, tfidf or histogram (only paper has weights to train).")
     ] = "paper",
+    views: Annotated[
+        Literal["paper", "detector"],
+        typer.Option(
+            help="What training pairs differ in: objects displaced (paper), or also places sampled anew, objects "
+            "missed, invented and mislabelled, as on a robot's new run (detector)."
+        ),
+    ] = "paper",
     labelspace: LabelspaceOption = None,
     layers: Annotated[int, typer.Option(min=1, max=8, help="Message-passing layers (paper).")] = 2,
     hidden: Annotated[int, typer.Option(min=1, max=1024, help="Hidden dimension (paper).")] = 64,
@@ -48,7 +55,7 @@ def train(
     from semloc_core.config import checked
     from semloc_core.graph_arrays import GraphArrays
     from semloc_core.labelspace import count_unknown, union
-    from semloc_core.training.config import TrainConfig
+    from semloc_core.training.config import PERTURBATIONS, TrainConfig
     from semloc_core.training.curve import plot_curve
     from semloc_core.training.loop import Report
     from semloc_core.training.loop import train as run_training
@@ -64,6 +71,8 @@ def train(
     config = checked(
         TrainConfig,
         loss=loss,
+        perturb=PERTURBATIONS[views],
+        validate=PERTURBATIONS[views],
         encoder=encoder,
         encoder_options=(
             {"layers": layers, "hidden": hidden, "heads": max(heads, 1), "gat": heads > 0, "self_loops": self_loops}

@@ -28,9 +28,7 @@ class PerturbConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         float,
         Meta(ge=0.0, le=5.0, description="standard deviation of x and of y added to every object, in m"),
     ] = 0.0
-    drop_probability: Annotated[
-        float, Meta(ge=0.0, le=1.0, description="probability that an object is missed")
-    ] = 0.0
+    drop_probability: Annotated[float, Meta(ge=0.0, le=1.0, description="probability that an object is missed")] = 0.0
     false_ratio: Annotated[
         float,
         Meta(
@@ -71,9 +69,11 @@ class TrainConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     encoder_options: Annotated[
         dict[str, Any], Meta(description="options of the encoder that differ from its defaults")
     ] = msgspec.field(default_factory=dict)
-    loss: Annotated[
-        Literal["infonce", "triplet", "contrastive"], Meta(description="the loss (paper, Table II)")
-    ] = "infonce"
+    loss: Annotated[Literal["infonce", "triplet", "contrastive", "mil_nce"],
+        Meta(description="the loss (paper, Table II; mil_nce: InfoNCE that asks for one of the positives, not all)"),
+   ] = (
+        "infonce"
+    )
     margin: Annotated[
         float, Meta(gt=0.0, le=2.0, description="margin of the contrastive loss, a distance of unit vectors")
     ] = 1.0
@@ -96,14 +96,10 @@ class TrainConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     positive_radius_m: Annotated[
         float, Meta(gt=0.0, le=100.0, description="places within this 3D distance are one answer, in m")
     ] = MATCH_RADIUS_M
-    seed: Annotated[
-        int, Meta(ge=0, le=2**63 - 1, description="seed of weights, split, perturbations and batches")
-    ] = 0
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1, description="seed of weights, split, perturbations and batches")] = 0
     steps: Annotated[int, Meta(ge=1, le=10_000_000, description="optimiser steps")] = 180
     learning_rate: Annotated[float, Meta(gt=0.0, le=1.0, description="Adam's step size at the start")] = 1e-2
-    warmup_steps: Annotated[int, Meta(ge=0, description="steps over which the step size rises from zero")] = (
-        10
-    )
+    warmup_steps: Annotated[int, Meta(ge=0, description="steps over which the step size rises from zero")] = 10
     weight_decay: Annotated[float, Meta(ge=0.0, le=1.0, description="Adam's L2 penalty")] = 0.0
     gradient_clip: Annotated[
         float, Meta(gt=0.0, description="largest norm of a step's gradient before it is scaled down")
@@ -116,21 +112,31 @@ class TrainConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     ] = 1000
     pool: Annotated[
         int,
-        Meta(
-            ge=2, le=1000, description="perturbed variants of each building that are kept to draw pairs from"
-        ),
+        Meta(ge=2, le=1000, description="perturbed variants of each building that are kept to draw pairs from"),
     ] = 24
     refresh_steps: Annotated[
         int,
-        Meta(
-            ge=1, description="steps after which the oldest variant of each building is replaced by a new one"
-        ),
+        Meta(ge=1, description="steps after which the oldest variant of each building is replaced by a new one"),
     ] = 1
     perturb: Annotated[PerturbConfig, Meta(description="what makes the training pairs")] = PerturbConfig()
+    perturb_map: Annotated[
+        PerturbConfig | None, Meta(description="what makes the mapped side of training pairs; null: the same")
+    ] = None
+    redecorated: Annotated[
+        int,
+        Meta(ge=0, le=1000, description="copies of each building with other objects that are trained on too"),
+    ] = 0
+    fragment_walks: Annotated[
+        int, Meta(ge=0, le=1000, description="walks a variant whose fragments of the graph are queries too")
+    ] = 0
+    fragment_stops: Annotated[int, Meta(ge=1, le=1000, description="fragments a walk, at most")] = 6
+    fragment_length_m: Annotated[float, Meta(gt=0.0, le=1e4, description="length of such a walk, in m")] = 60.0
+    warm_start_variants: Annotated[
+        int,
+        Meta(ge=0, le=1000, description="pairs of variants of each building that a warm start is made from"),
+    ] = 0
     validate: Annotated[PerturbConfig, Meta(description="what makes the validation pairs")] = PerturbConfig()
-    validate_steps: Annotated[
-        int, Meta(ge=1, description="steps between two looks at the validation split")
-    ] = 20
+    validate_steps: Annotated[int, Meta(ge=1, description="steps between two looks at the validation split")] = 20
     validation_pairs: Annotated[
         int, Meta(ge=1, le=100, description="pairs of variants of each building that a look averages over")
     ] = 2

@@ -31,12 +31,8 @@ def plot_curve(history: Sequence[dict[str, float]], path: Path) -> None:
     scores = losses.twinx()
     lines = [
         *losses.plot(steps, [row["train_loss"] for row in history], color="#0072b2", label="training loss"),
-        *losses.plot(
-            steps, [row["val_loss"] for row in history], color="#d55e00", ls="--", label="validation loss"
-        ),
-        *scores.plot(
-            steps, [row["val_pr_auc"] for row in history], color="#009e73", ls=":", label="validation PR-AUC"
-        ),
+        *losses.plot(steps, [row["val_loss"] for row in history], color="#d55e00", ls="--", label="validation loss"),
+        *scores.plot(steps, [row["val_pr_auc"] for row in history], color="#009e73", ls=":", label="validation PR-AUC"),
     ]
     losses.set(xlabel="step", ylabel="loss")
     scores.set(ylabel="PR-AUC", ylim=(0, 1))

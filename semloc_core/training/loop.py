@@ -25,7 +25,7 @@ from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.labelspace import Labelspace
 from semloc_core.model import Model
 from semloc_core.place_graph import extract_all, union
-from semloc_core.training.config import TrainConfig
+from semloc_core.training.config import PERTURBATIONS, PerturbConfig, TrainConfig
 from semloc_core.training.losses import Loss, build_loss, ignore_radius
 from semloc_core.training.split import Split, split_places
 from semloc_core.training.state import Progress, TrainingState, fingerprint, load_state, save_state
@@ -35,7 +35,7 @@ from semloc_core.training.variants import Variant, VariantMaker, VariantPool, pa
 logger = logging.getLogger(__name__)
 
 # Streams of randomness under one seed; a stream's number never changes meaning, so that old seeds stay good.
-_TRAINING, _VALIDATION, _BATCHES = 1, 2, 3
+_TRAINING, _VALIDATION, _BATCHES, _TEMPERATURE = 1, 2, 3, 4
 
 
 @dataclass(frozen=True)
@@ -119,9 +119,7 @@ def train(
         [(makers[1].make(b, 2 * k), makers[1].make(b, 2 * k + 1)) for b in range(len(graphs))]
         for k in range(config.validation_pairs)
     ]
-    run = _Run(
-        config, encoder, VariantPool(makers[0], config.pool, config.refresh_steps), held_out, len(graphs)
-    )
+    run = _Run(config, encoder, VariantPool(makers[0], config.pool, config.refresh_steps), held_out, len(graphs))
     encoder.fit(extract_all(graph, len(labelspace), encoder.extraction) for graph in graphs)
     inputs = fingerprint(graphs, labelspace, config)
     stopped: Literal["steps", "patience", "time", "nothing to train"] = "nothing to train"
@@ -138,7 +136,9 @@ def train(
         encoder=encoder,
         labelspace=labelspace,
         seed=config.seed,
-        temperature=fit_temperature(encoder, held_out[0], config.positive_radius_m),
+        temperature=fit_temperature(
+            encoder, _as_a_robot_sees(graphs, splits, labelspace, encoder, config.seed), config.positive_radius_m
+        ),
         provenance={
             "graphs": [graph.name for graph in graphs],
             "config": msgspec.to_builtins(config),
@@ -148,6 +148,17 @@ def train(
         },
     )
     return TrainResult(model, list(state.history), splits, state.best_step, stopped)
+
+
+def _as_a_robot_sees(
+    graphs: Sequence[GraphArrays], splits: Sequence[Split], labelspace: Labelspace, encoder: Encoder, seed: int
+) -> list[tuple[Variant, Variant]]:
+    """(query, map) of each building: a detector's view on a new run, and the building as it was mapped."""
+    views = (PERTURBATIONS["detector"], PerturbConfig(mobility_scale=0.0))
+    query, reference = (
+        VariantMaker(graphs, splits, labelspace, encoder.extraction, view, (seed, _TEMPERATURE)) for view in views
+    )
+    return [(query.make(b, 0), reference.make(b, 0)) for b in range(len(graphs))]
 
 
 class _Run:
@@ -230,16 +241,12 @@ class _Run:
             self._optimiser.load_state_dict(state.optimiser)
         except (RuntimeError, ValueError, KeyError) as error:
             reason = str(error).splitlines()[0]
-            raise TrainingError(
-                f"expected a training state of this encoder (got another: {reason})"
-            ) from error
+            raise TrainingError(f"expected a training state of this encoder (got another: {reason})") from error
         self.progress, self.best = state.progress, state.best
 
     def _state(self) -> TrainingState:
         assert self._optimiser is not None
-        return TrainingState(
-            self.progress, self._encoder.state_dict(), self._optimiser.state_dict(), self.best
-        )
+        return TrainingState(self.progress, self._encoder.state_dict(), self._optimiser.state_dict(), self.best)
 
     def _step(self, step: int) -> float:
         """One optimiser step. All randomness is a function of seed and step."""
@@ -254,9 +261,7 @@ class _Run:
         positive, ignore = pair_masks(queries, places, config.positive_radius_m, ignore_radius(config))
         swapped = None if ignore is None else ignore.T
         # Either variant may ask: the pair of passes is paid for, so both directions learn from it.
-        loss = (
-            self._loss(z_query, z_map, positive, ignore) + self._loss(z_map, z_query, positive.T, swapped)
-        ) / 2
+        loss = (self._loss(z_query, z_map, positive, ignore) + self._loss(z_map, z_query, positive.T, swapped)) / 2
         for group in self._optimiser.param_groups:
             group["lr"] = config.learning_rate * _schedule(step, config.warmup_steps, config.steps)
         self._optimiser.zero_grad()
@@ -265,9 +270,7 @@ class _Run:
         self._optimiser.step()
         return float(loss.detach())
 
-    def _encode(
-        self, variants: Sequence[Variant], rng: np.random.Generator
-    ) -> tuple[Tensor, list[tuple[int, Floats]]]:
+    def _encode(self, variants: Sequence[Variant], rng: np.random.Generator) -> tuple[Tensor, list[tuple[int, Floats]]]:
         """Embed the training places of some variants, a sample of them where there are too many.
 
         The buildings of a step go through the encoder as one graph, so that batch norm sees them all.
@@ -300,6 +303,4 @@ def _check_graphs(graphs: Sequence[GraphArrays]) -> None:
     known = sum(int((graph.object_classes >= 0).sum()) for graph in graphs)
     if known == 0:
         total = sum(graph.n_objects for graph in graphs)
-        raise TrainingError(
-            f"expected at least one object of a class of the labelspace (got none of {total} objects)"
-        )
+        raise TrainingError(f"expected at least one object of a class of the labelspace (got none of {total} objects)")

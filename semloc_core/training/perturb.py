@@ -20,9 +20,7 @@ FALSE_REACH_M = 1.0
 """Standard deviation of x and of y of an invented object around the place it is invented at, metres."""
 
 
-def perturb(
-    graph: GraphArrays, labelspace: Labelspace, config: PerturbConfig, rng: np.random.Generator
-) -> GraphArrays:
+def perturb(graph: GraphArrays, labelspace: Labelspace, config: PerturbConfig, rng: np.random.Generator) -> GraphArrays:
     """One perturbed variant (paper, section IV-B2, and beyond it what a detector and a second run do).
 
     Args:
@@ -40,9 +38,7 @@ def perturb(
     deviation = np.hypot(config.mobility_scale * _mobility(graph, labelspace), config.jitter_m)
     graph = displace_objects(graph, deviation, rng)
     if config.mislabel_probability > 0:
-        graph = mislabel_objects(
-            graph, len(labelspace), rng.random(graph.n_objects) < config.mislabel_probability, rng
-        )
+        graph = mislabel_objects(graph, len(labelspace), rng.random(graph.n_objects) < config.mislabel_probability, rng)
     if config.false_ratio > 0:
         graph = add_false_objects(graph, int(rng.poisson(config.false_ratio * graph.n_objects)), rng)
     return graph
@@ -74,9 +70,7 @@ def displace_objects(graph: GraphArrays, deviation_m: Floats, rng: np.random.Gen
     )
 
 
-def mislabel_objects(
-    graph: GraphArrays, n_classes: int, wrong: Bools, rng: np.random.Generator
-) -> GraphArrays:
+def mislabel_objects(graph: GraphArrays, n_classes: int, wrong: Bools, rng: np.random.Generator) -> GraphArrays:
     """Give objects another class, drawn from the others by how often the building has them.
 
     Args:
@@ -141,9 +135,7 @@ def _sorted_objects(graph: GraphArrays) -> GraphArrays:
 
 
 def _mobility(graph: GraphArrays, labelspace: Labelspace) -> Floats:
-    by_class = np.array(
-        [labelspace.mobility_of(c) for c in labelspace.classes] + [labelspace.default_mobility]
-    )
+    by_class = np.array([labelspace.mobility_of(c) for c in labelspace.classes] + [labelspace.default_mobility])
     mobility: Floats = by_class[graph.object_classes]
     return mobility
 

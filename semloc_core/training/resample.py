@@ -41,14 +41,10 @@ def resample_places(graph: GraphArrays, spacing_m: float, rng: np.random.Generat
     if graph.n_places < 2 or spacing_m <= 0:
         return graph
     points, edges, lengths = _points_along_edges(graph, spacing_m / 2)
-    adjacency = coo_matrix(
-        (np.maximum(lengths, 1e-9), (edges[0], edges[1])), shape=(len(points), len(points))
-    ).tocsr()
+    adjacency = coo_matrix((np.maximum(lengths, 1e-9), (edges[0], edges[1])), shape=(len(points), len(points))).tocsr()
     component = connected_components(adjacency, directed=False)[1].astype(np.int64)
     chosen = _thin(points, spacing_m, component, rng)
-    _, _, source = dijkstra(
-        adjacency, directed=False, indices=chosen, min_only=True, return_predecessors=True
-    )
+    _, _, source = dijkstra(adjacency, directed=False, indices=chosen, min_only=True, return_predecessors=True)
     cell = np.searchsorted(chosen, source)
     a, b = cell[edges[0]], cell[edges[1]]
     joined = np.unique(np.stack([np.minimum(a, b), np.maximum(a, b)])[:, a != b], axis=1)
@@ -104,9 +100,7 @@ def _points_along_edges(graph: GraphArrays, step_m: float) -> tuple[Floats, Ints
     (a, b), lengths = graph.place_edges, graph.edge_lengths()
     pieces = np.maximum(1, np.ceil(lengths / step_m)).astype(np.int64)
     inner = pieces - 1
-    first = (
-        graph.n_places + np.concatenate([[0], np.cumsum(inner)[:-1]]).astype(np.int64) if len(a) else inner
-    )
+    first = graph.n_places + np.concatenate([[0], np.cumsum(inner)[:-1]]).astype(np.int64) if len(a) else inner
     edge = np.repeat(np.arange(len(a)), pieces)
     k = np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     start = np.where(k == 0, a[edge], first[edge] + k - 1)

@@ -63,9 +63,7 @@ def split_places(graph: GraphArrays, seed: int) -> Split:
     """
     n = graph.n_places
     if n < 2:
-        raise TrainingError(
-            f"expected a graph of at least 2 places to split (got {n} in {graph.name or 'the graph'})"
-        )
+        raise TrainingError(f"expected a graph of at least 2 places to split (got {n} in {graph.name or 'the graph'})")
     order = np.random.default_rng([seed, n]).permutation(n)
     first = max(1, round(SHARES[0] * n))
     second = max(first, round((SHARES[0] + SHARES[1]) * n))

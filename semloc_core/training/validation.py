@@ -50,9 +50,7 @@ def embed(encoder: Encoder, variant: Variant) -> Tensor:
     return z
 
 
-def judge(
-    encoder: Encoder, pairs: Sequence[tuple[Variant, Variant]], part: Part, config: TrainConfig
-) -> Judgement:
+def judge(encoder: Encoder, pairs: Sequence[tuple[Variant, Variant]], part: Part, config: TrainConfig) -> Judgement:
     """Score a part of the split: its places in one variant against its places in the other (paper's protocol).
 
     Args:
@@ -72,56 +70,69 @@ def judge(
 def fit_temperature(
     encoder: Encoder, pairs: Sequence[tuple[Variant, Variant]], radius_m: float, part: Part = "validation"
 ) -> float:
-    """Temperature of the softmax over all places of the map that makes the right ones likeliest.
+    """Temperature at which the localiser's probability of its best place is most honest.
 
-    Minimises the mean over the part's query places of −log Σ_{m positive} softmax_m(s_m / T), s the cosine
-    similarities to every place of the other variant: that is what the localiser sums to a probability.
+    For each query place of the part, p(T) is the mass of a softmax over the cosine similarities to every place of the
+    map variant, within ``radius_m`` of the most similar one; the T is taken that makes the log loss of p against
+    whether that place is right smallest (proper scoring; targets smoothed as Platt 1999 does).
 
     Args:
         encoder: trained.
-        pairs: (query, map) variants of each building.
+        pairs: (query, map) variants of each building; places of all maps form one map.
         radius_m: the matching radius.
-        part: which query places; all of them where the part has none with a positive.
+        part: which query places; all of them where the part has none.
 
     Returns:
-        T within `TEMPERATURES`; 1 where no place has a positive.
+        T within `TEMPERATURES`; 1 where there is no query place.
 
     """
     z_query, z_map, queries, places = _part_embeddings(encoder, pairs, part, None)
-    positive, _ = pair_masks(queries, places, radius_m)
-    if not positive.any():
+    if not len(z_query):
         z_query, z_map, queries, places = _part_embeddings(encoder, pairs, None, None)
-        positive, _ = pair_masks(queries, places, radius_m)
+    if not len(z_query) or not len(z_map):
+        return 1.0
+    positive, _ = pair_masks(queries, places, radius_m)
+    around, _ = pair_masks(places, places, radius_m)
     similarity = similarity_matrix(z_query.numpy(), z_map.numpy()).astype(np.float64)
-    return likeliest_temperature(similarity, positive.numpy())
+    best = similarity.argmax(axis=1)
+    right = positive.numpy()[np.arange(len(best)), best]
+    return honest_temperature(similarity, around.numpy()[best], right)
 
 
-def likeliest_temperature(similarity: Floats, positive: Bools) -> float:
-    """The T of `fit_temperature`, from similarities (Q, M) and which of them are right (Q, M)."""
+def honest_temperature(similarity: Floats, near_best: Bools, right: Bools) -> float:
+    """The T of `fit_temperature`.
+
+    Args:
+        similarity: (Q, M).
+        near_best: (Q, M), which places lie within the matching radius of the query's most similar one.
+        right: (Q,), whether that one is right.
+
+    """
     from scipy.optimize import minimize_scalar
 
-    judged = positive.any(axis=1)
-    if not judged.any():
-        return 1.0
-    similarity, positive = similarity[judged], positive[judged]
-
-    def surprise(log_t: float) -> float:
-        return _surprise(similarity, positive, math.exp(log_t))
+    def loss(log_t: float) -> float:
+        return _log_loss(similarity, near_best, right, math.exp(log_t))
 
     # The curve may have several valleys: a grid finds the deepest, Brent's method its floor.
     grid = np.linspace(math.log(TEMPERATURES[0]), math.log(TEMPERATURES[1]), GRID)
-    best = int(np.argmin([surprise(log_t) for log_t in grid]))
+    best = int(np.argmin([loss(log_t) for log_t in grid]))
     bounds = grid[max(0, best - 1)], grid[min(GRID - 1, best + 1)]
-    found = minimize_scalar(surprise, bounds=bounds, method="bounded", options={"xatol": 1e-4})
+    found = minimize_scalar(loss, bounds=bounds, method="bounded", options={"xatol": 1e-4})
     return float(math.exp(found.x))
 
 
-def _surprise(similarity: Floats, positive: Bools, temperature: float) -> float:
-    """Mean of −log of the softmax's mass on the positives."""
+def _log_loss(similarity: Floats, near_best: Bools, right: Bools, temperature: float) -> float:
+    """Log loss of the probabilities at a temperature, with Platt's targets (n + 1) / (n + 2) and 1 / (n + 2)."""
     logits = (similarity - similarity.max(axis=1, keepdims=True)) / temperature
     total = np.logaddexp.reduce(logits, axis=1)
-    right = np.logaddexp.reduce(np.where(positive, logits, -np.inf), axis=1)
-    return float(np.mean(total - right))
+    inside = np.logaddexp.reduce(np.where(near_best, logits, -np.inf), axis=1) - total
+    outside = np.logaddexp.reduce(np.where(near_best, -np.inf, logits), axis=1) - total
+    n_right = int(right.sum())
+    n_wrong = len(right) - n_right
+    target = np.where(right, (n_right + 1) / (n_right + 2), 1 / (n_wrong + 2))
+    least = math.log(1e-12)
+    loss = -(target * np.maximum(inside, least) + (1 - target) * np.maximum(outside, least))
+    return float(np.mean(loss))
 
 
 def _part_embeddings(

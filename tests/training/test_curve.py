@@ -5,9 +5,7 @@ import pytest
 from semloc_core.errors import TrainingError
 from semloc_core.training.curve import plot_curve
 
-HISTORY = [
-    {"step": float(s), "train_loss": 1 / s, "val_loss": 2 / s, "val_pr_auc": 1 - 1 / s} for s in (1, 2, 3)
-]
+HISTORY = [{"step": float(s), "train_loss": 1 / s, "val_loss": 2 / s, "val_pr_auc": 1 - 1 / s} for s in (1, 2, 3)]
 
 
 def test_the_curve_is_drawn(tmp_path: Path):

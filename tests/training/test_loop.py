@@ -156,9 +156,7 @@ def test_a_time_budget_ends_training_with_a_judged_model():
 
 
 def test_patience_ends_training_and_the_best_weights_are_kept():
-    result = train(
-        [building()], LABELS, replace(SMALL, steps=4000, validate_steps=1, patience=5, learning_rate=0.5)
-    )
+    result = train([building()], LABELS, replace(SMALL, steps=4000, validate_steps=1, patience=5, learning_rate=0.5))
     assert result.stopped == "patience"
     best = max(result.history, key=lambda row: row["val_pr_auc"])
     assert result.best_step == best["step"]

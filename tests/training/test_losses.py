@@ -29,9 +29,7 @@ def test_contrastive_closed_form():
 
 def test_contrastive_margin_reaches_farther_negatives():
     assert contrastive(unit(0), unit(90), mask([0])).item() == 0
-    assert contrastive(unit(0), unit(90), mask([0]), margin=2.0).item() == pytest.approx(
-        (2 - math.sqrt(2)) ** 2 / 2
-    )
+    assert contrastive(unit(0), unit(90), mask([0]), margin=2.0).item() == pytest.approx((2 - math.sqrt(2)) ** 2 / 2)
 
 
 def test_triplet_sets_each_positive_against_the_nearest_negative():

@@ -9,9 +9,7 @@ from semloc_core.training.config import PerturbConfig
 from semloc_core.training.perturb import add_false_objects, displace_objects, mislabel_objects, perturb
 from semloc_core.training.resample import place_spacing, resample_places
 
-LABELS = Labelspace(
-    "t", ("desk", "chair", "plant"), mobility={"chair": 0.5, "desk": 0.0}, default_mobility=0.0
-)
+LABELS = Labelspace("t", ("desk", "chair", "plant"), mobility={"chair": 0.5, "desk": 0.0}, default_mobility=0.0)
 ALL_AT_ONCE = PerturbConfig(
     jitter_m=0.2, drop_probability=0.2, false_ratio=0.3, mislabel_probability=0.2, resample_probability=1.0
 )
@@ -20,9 +18,9 @@ ALL_AT_ONCE = PerturbConfig(
 def corridor(n: int = 30, n_objects: int = 12, sightings: bool = False) -> GraphArrays:
     """A corridor of places a metre apart and, not joined to it, a room of four; objects along the corridor."""
     xs = np.arange(n, dtype=float)
-    places = np.concatenate(
-        [np.stack([xs, 0 * xs, 0 * xs], 1), [[5, 9, 0], [6, 9, 0], [6, 10, 0], [5, 10, 0]]]
-    ).astype(np.float64)
+    places = np.concatenate([np.stack([xs, 0 * xs, 0 * xs], 1), [[5, 9, 0], [6, 9, 0], [6, 10, 0], [5, 10, 0]]]).astype(
+        np.float64
+    )
     edges = [(i, i + 1) for i in range(n - 1)] + [(n, n + 1), (n + 1, n + 2), (n + 2, n + 3)]
     where = np.linspace(0, n - 1, n_objects).round().astype(int)
     return GraphArrays(
@@ -46,9 +44,7 @@ def arrays_of(graph: GraphArrays) -> list[np.ndarray]:
 
 def n_components(graph: GraphArrays) -> int:
     n = graph.n_places
-    return connected_components(
-        coo_matrix((np.ones(graph.place_edges.shape[1]), graph.place_edges), (n, n)), False
-    )[0]
+    return connected_components(coo_matrix((np.ones(graph.place_edges.shape[1]), graph.place_edges), (n, n)), False)[0]
 
 
 def test_same_seed_same_variant():

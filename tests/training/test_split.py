@@ -11,9 +11,7 @@ NO_PAIRS = np.zeros((2, 0), dtype=np.int64)
 def places(n: int) -> GraphArrays:
     positions = np.stack([np.arange(n), np.zeros(n), np.zeros(n)], 1).astype(np.float64)
     ids = tuple(f"{i:05d}" for i in range(n))
-    return GraphArrays(
-        "n", ids, positions, NO_PAIRS, (), np.zeros((0, 3)), np.zeros(0, np.int64), NO_PAIRS, NO_PAIRS
-    )
+    return GraphArrays("n", ids, positions, NO_PAIRS, (), np.zeros((0, 3)), np.zeros(0, np.int64), NO_PAIRS, NO_PAIRS)
 
 
 def test_parts_are_70_20_10_and_cover_every_place_once():
@@ -38,9 +36,7 @@ def test_shared_places_keep_their_part_and_new_ones_take_the_nearest():
 
 @pytest.mark.parametrize("n", [0, 1])
 def test_too_few_places_are_refused_in_one_line(n):
-    with pytest.raises(
-        SemlocError, match=rf"expected a graph of at least 2 places to split \(got {n} in n\)"
-    ):
+    with pytest.raises(SemlocError, match=rf"expected a graph of at least 2 places to split \(got {n} in n\)"):
         split_places(places(n), seed=0)
 
 

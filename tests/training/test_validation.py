@@ -8,7 +8,7 @@ from buildings import LABELS, building
 from semloc_core.encoder import build_encoder
 from semloc_core.training.config import PerturbConfig, TrainConfig
 from semloc_core.training.split import split_places
-from semloc_core.training.validation import _surprise, fit_temperature, judge, likeliest_temperature
+from semloc_core.training.validation import _log_loss, fit_temperature, honest_temperature, judge
 from semloc_core.training.variants import VariantMaker, VariantPool, pair_masks
 
 RINGS = build_encoder("rings", None, len(LABELS))
@@ -62,18 +62,39 @@ def test_perfect_embeddings_score_one():
     assert found.loss > 0
 
 
-def test_the_fitted_temperature_is_the_minimum():
+def toy(n: int = 60, m: int = 40) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Similarities with noise; column q % m is right; columns one apart are near."""
     rng = np.random.default_rng(0)
-    positive = rng.random((40, 60)) < 0.1
-    similarity = np.clip(0.3 * positive + rng.normal(0.0, 0.2, positive.shape), -1, 1)
-    fitted = likeliest_temperature(similarity, positive)
-    judged = positive.any(1)
-    everywhere = [_surprise(similarity[judged], positive[judged], t) for t in np.geomspace(1e-4, 10, 2000)]
-    assert _surprise(similarity[judged], positive[judged], fitted) <= min(everywhere) + 1e-6
+    right_column = np.arange(n) % m
+    similarity = np.clip(rng.normal(0.0, 0.2, (n, m)), -1, 1)
+    similarity[np.arange(n), right_column] += 0.45
+    best = similarity.argmax(axis=1)
+    near = np.abs(np.arange(m)[None, :] - best[:, None]) <= 1
+    return similarity, near, np.abs(best - right_column) <= 1
 
 
-def test_no_positive_leaves_the_temperature_at_one():
-    assert likeliest_temperature(np.zeros((2, 3)), np.zeros((2, 3), dtype=bool)) == 1.0
+def test_the_fitted_temperature_is_the_minimum():
+    similarity, near, right = toy()
+    assert 0 < right.sum() < len(right)
+    fitted = honest_temperature(similarity, near, right)
+    everywhere = [_log_loss(similarity, near, right, t) for t in np.geomspace(1e-4, 10, 2000)]
+    assert _log_loss(similarity, near, right, fitted) <= min(everywhere) + 1e-6
+
+
+def test_the_probabilities_are_right_as_often_as_they_say():
+    """On average: too small a temperature would claim certainty, too large a one would claim nothing."""
+    similarity, near, right = toy(400)
+    logits = similarity / honest_temperature(similarity, near, right)
+    weights = np.exp(logits - logits.max(axis=1, keepdims=True))
+    claimed = (weights * near).sum(axis=1) / weights.sum(axis=1)
+    assert claimed.mean() == pytest.approx(right.mean(), abs=0.1)
+
+
+def test_always_right_does_not_claim_more_than_was_seen():
+    """Platt's targets: ten right answers out of ten are no proof of certainty."""
+    similarity, near, right = toy(10)
+    cautious = honest_temperature(similarity, near, np.ones_like(right))
+    assert cautious > 1e-3
 
 
 def test_a_temperature_is_fitted_where_no_validation_place_has_a_positive():
@@ -81,9 +102,13 @@ def test_a_temperature_is_fitted_where_no_validation_place_has_a_positive():
     assert 0 < fit_temperature(RINGS, [(far.make(0, 0), far.make(0, 1))], 1e-6) <= 10
 
 
-def test_surprise_closed_form():
-    similarity = np.array([[1.0, 0.5, 0.0]])
-    positive = np.array([[True, True, False]])
+def test_log_loss_closed_form():
+    similarity = np.array([[1.0, 0.5, 0.0], [0.2, 0.9, 0.1]])
+    near, right = np.array([[True, True, False], [False, True, False]]), np.array([True, False])
     weights = np.exp(similarity / 0.5)
-    expected = -math.log((weights[0, 0] + weights[0, 1]) / weights.sum())
-    assert _surprise(similarity, positive, 0.5) == pytest.approx(expected)
+    p = (weights * near).sum(axis=1) / weights.sum(axis=1)
+    # One right and one wrong: targets (1 + 1) / (1 + 2) and 1 / (1 + 2).
+    expected = -np.mean(
+        [2 / 3 * math.log(p[0]) + 1 / 3 * math.log(1 - p[0]), 1 / 3 * math.log(p[1]) + 2 / 3 * math.log(1 - p[1])]
+    )
+    assert _log_loss(similarity, near, right, 0.5) == pytest.approx(expected)
