@@ -8,7 +8,7 @@ PIP := $(PY) -m pip --disable-pip-version-check --quiet install --constraint con
 OUT ?= out
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types unit assets bench clean
+.PHONY: help demo test lint types unit assets bench ros clean
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 12
@@ -46,10 +46,19 @@ types: $(VENV)/.test
 unit: $(VENV)/.test
 	$(PY) -m pytest -n 2 --dist worksteal -r s
 
+# -- ROS 2 -----------------------------------------------------------------------------------------------------
+
+$(VENV)/.ros: $(VENV)/.test
+	$(PIP) --editable '.[tools,hydra,test,ros]'
+	@touch $@
+
+ros: $(VENV)/.ros ## build and test the ROS 2 node (Jazzy, in ROS=/opt/ros/jazzy)
+	bash tools/ros.sh $(abspath $(PY))
+
 # -- what the project ships, made again from nothing -------------------------------------------------------------
 
 assets: $(VENV)/.tools ## make the shipped office, model, map and bag again
 	sh tools/make_assets.sh $(PY)
 
 clean: ## remove the environment and what was made
-	rm -rf $(VENV) $(OUT) build *.egg-info
+	rm -rf $(VENV) $(OUT) build *.egg-info ros2_ws/build ros2_ws/install ros2_ws/log

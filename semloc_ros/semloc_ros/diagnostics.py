@@ -1,0 +1,192 @@
+# Copyright 2026 The semloc maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What a person is told about the node, and can act on. No ROS here."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from semloc_core.class_shift import ClassShift, Shift
+from semloc_core.wire import PlaceMatches
+from semloc_ros.explaining import ExplainCounts
+from semloc_ros.worker import Answer, Worker
+
+Level = Literal["ok", "warn", "error", "stale"]
+WINDOW = 1000
+"""Latencies and times kept: the latest."""
+RATE_WINDOW_S = 5.0
+
+
+@dataclass(frozen=True)
+class Line:
+    """One status: ``name`` of what it is about, how bad, one sentence, and figures."""
+
+    name: str
+    level: Level
+    message: str
+    values: dict[str, str] = field(default_factory=dict)
+
+
+class Rate:
+    """How often something happens, over the last seconds by the steady clock. Any thread may use it."""
+
+    def __init__(self) -> None:
+        self._times: deque[float] = deque(maxlen=WINDOW)
+
+    def tick(self) -> None:
+        """It has happened."""
+        self._times.append(time.monotonic())
+
+    def hz(self) -> float:
+        """Events per second."""
+        since = time.monotonic() - RATE_WINDOW_S
+        recent = [t for t in list(self._times) if t >= since]
+        # A full buffer spans less than the window: then its own span counts.
+        span = time.monotonic() - recent[0] if len(recent) == WINDOW else RATE_WINDOW_S
+        return len(recent) / max(span, 1e-9)
+
+
+class Diagnostics:
+    """Watches answers and says how things are."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._latency_ms: deque[float] = deque(maxlen=WINDOW)
+        self._answers = Rate()
+        self._last: Answer | None = None
+
+    def answered(self, answer: Answer, latency_ms: float) -> None:
+        """Take in an answer that has just been published."""
+        with self._lock:
+            self._latency_ms.append(latency_ms)
+            self._last = answer
+        self._answers.tick()
+
+    def lines(
+        self,
+        worker: Worker,
+        explained: ExplainCounts,
+        shift: ClassShift | None,
+        state: str,
+        stale_after_s: float,
+    ) -> list[Line]:
+        """How things are now."""
+        with self._lock:
+            last, latencies = self._last, list(self._latency_ms)
+        level, message = _localisation(worker, last, state, stale_after_s)
+        counts, stream = worker.counts, worker.stream_counts()
+        matches = last.located.matches if last is not None else None
+        values = {
+            "state": state,
+            "status": matches.status if matches is not None else "none",
+            "updates received": str(counts.received),
+            "updates applied": str(stream["applied"]),
+            "updates rejected": str(counts.malformed + stream["rejected"]),
+            "updates repeated": str(stream["repeated"]),
+            "gaps in the stream": str(stream["gap"]),
+            "updates without a graph": str(stream["waiting"]),
+            "last rejection": counts.last_rejection or "none",
+            "answers": str(counts.answered),
+            "updates not answered (fell behind)": str(counts.skipped),
+            "answers per second": f"{self._answers.hz():.1f}",
+            "explanations": str(explained.published),
+            "explanations late (attention instead)": str(explained.late),
+            "explanations skipped": str(explained.skipped),
+        }
+        for percent in (50, 90, 99):
+            found = f"{np.percentile(latencies, percent):.1f}" if latencies else "none"
+            values[f"latency p{percent} (ms)"] = found
+        return [Line("localisation", level, message, values), _map_line(worker), _shift_line(shift, matches)]
+
+
+def _localisation(worker: Worker, last: Answer | None, state: str, stale_after_s: float) -> tuple[Level, str]:
+    if state != "active":
+        return "ok", f"{state}: updates are applied, nothing is answered"
+    if worker.updated_ns is None:
+        return "stale", "no update has come yet: is anything published on scene_graph?"
+    age_s = (time.monotonic_ns() - worker.updated_ns) / 1e9
+    if age_s > stale_after_s:
+        return "stale", f"stale input: no update for {age_s:.0f} s"
+    if last is None:
+        return "warn", "updates come, but none of them could be answered"
+    matches = last.located.matches
+    if matches.status == "no_graph":
+        return "error", "no graph: updates were missed, and no full update has come since"
+    if matches.status == "unknown":
+        return "warn", f"unknown: {last.located.query.reason or 'nothing to go by'}"
+    best = matches.matches[0]
+    where = f"{best.map} ({', '.join(f'{x:.1f}' for x in best.position)}), probability {best.probability:.2f}"
+    if matches.status == "ambiguous":
+        rivals = [f"{r.map} ({', '.join(f'{x:.1f}' for x in r.position)})" for r in matches.rivals[:3]]
+        return "warn", f"ambiguous: {where}" + (f", or {', or '.join(rivals)}" if rivals else "")
+    return "ok", f"localised: {where}"
+
+
+def _map_line(worker: Worker) -> Line:
+    loaded, unknown = worker.localiser.map, dict(worker.localiser.unknown_classes)
+    model = loaded.model
+    values = {
+        "map": loaded.name,
+        "map hash": loaded.hash,
+        "places": str(loaded.n_places),
+        "buildings": ", ".join(loaded.buildings),
+        "model": model.encoder.name,
+        "model hash": model.hash,
+        "labelspace": model.labelspace.name,
+        "labelspace hash": model.labelspace.hash,
+    }
+    if not loaded.n_places:
+        return Line("map", "error", f"map {loaded.name} has no places", values)
+    text = f"map {loaded.name} {loaded.hash[:12]}: {loaded.n_places} places in {len(loaded.buildings)} buildings"
+    if unknown:
+        listed = ", ".join(f"{name} ({count})" for name, count in sorted(unknown.items()))
+        values["classes that the labelspace lacks"] = listed
+        return Line("map", "warn", f"{text}; objects of classes it lacks are not used: {listed}", values)
+    return Line("map", "ok", text, values)
+
+
+def _shift_line(shift: ClassShift | None, matches: PlaceMatches | None) -> Line:
+    name = "lost or changed?"
+    if shift is None:
+        return Line(name, "ok", "not looked at yet")
+    objects, attributions = shift.objects(), shift.attributions()
+    if objects is None:
+        return Line(name, "ok", "too few answers yet to compare with the map")
+    values = {"building": objects.building} | _shift_values("classes", objects)
+    if attributions is not None:
+        values |= _shift_values("attributions", attributions)
+    strange = [kind for kind in (objects, attributions) if kind is not None and kind.distance > kind.usual]
+    if not strange:
+        return Line(
+            name, "ok", f"as in the map: class mix {objects.distance:.2f} away ({objects.usual:.2f} is usual)", values
+        )
+    worst = max(strange, key=lambda kind: kind.distance - kind.usual)
+    what = "the class mix" if worst is objects else "what matches rest on"
+    sure = matches is not None and matches.status == "match"
+    verdict = "changed? The robot is localised, but" if sure else "lost? The robot is not localised, and"
+    return Line(name, "warn", f"{verdict} {what} is not the map's: {worst.describe()}", values)
+
+
+def _shift_values(kind: str, shift: Shift) -> dict[str, str]:
+    return {
+        f"{kind}: distance from the map": f"{shift.distance:.3f}",
+        f"{kind}: usual within the map": f"{shift.usual:.3f}",
+        f"{kind}: responsible": shift.describe(),
+    }
