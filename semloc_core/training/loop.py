@@ -25,7 +25,7 @@ from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.labelspace import Labelspace
 from semloc_core.model import Model
 from semloc_core.place_graph import extract_all, union
-from semloc_core.training.config import PERTURBATIONS, PerturbConfig, TrainConfig
+from semloc_core.training.config import PerturbConfig, TrainConfig
 from semloc_core.training.losses import Loss, build_loss, ignore_radius
 from semloc_core.training.split import Split, split_places
 from semloc_core.training.state import Progress, TrainingState, fingerprint, load_state, save_state
@@ -137,7 +137,7 @@ def train(
         labelspace=labelspace,
         seed=config.seed,
         temperature=fit_temperature(
-            encoder, _as_a_robot_sees(graphs, splits, labelspace, encoder, config.seed), config.positive_radius_m
+            encoder, _asked_of_the_map(graphs, splits, labelspace, encoder, config), config.positive_radius_m
         ),
         provenance={
             "graphs": [graph.name for graph in graphs],
@@ -150,13 +150,18 @@ def train(
     return TrainResult(model, list(state.history), splits, state.best_step, stopped)
 
 
-def _as_a_robot_sees(
-    graphs: Sequence[GraphArrays], splits: Sequence[Split], labelspace: Labelspace, encoder: Encoder, seed: int
+def _asked_of_the_map(
+    graphs: Sequence[GraphArrays],
+    splits: Sequence[Split],
+    labelspace: Labelspace,
+    encoder: Encoder,
+    config: TrainConfig,
 ) -> list[tuple[Variant, Variant]]:
-    """(query, map) of each building: a detector's view on a new run, and the building as it was mapped."""
-    views = (PERTURBATIONS["detector"], PerturbConfig(mobility_scale=0.0))
+    """(query, map) of each building: a view as in validation, and the building as it was mapped."""
+    views = (config.validate, PerturbConfig(mobility_scale=0.0))
     query, reference = (
-        VariantMaker(graphs, splits, labelspace, encoder.extraction, view, (seed, _TEMPERATURE)) for view in views
+        VariantMaker(graphs, splits, labelspace, encoder.extraction, view, (config.seed, _TEMPERATURE))
+        for view in views
     )
     return [(query.make(b, 0), reference.make(b, 0)) for b in range(len(graphs))]
 
