@@ -4,6 +4,11 @@ import os
 from pathlib import Path
 
 import pytest
+import torch
+
+# Graphs in tests are small: on them a pool of threads costs many times what it saves. It must be said before the
+# first computation.
+torch.set_num_threads(1)
 
 DEFAULT_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
