@@ -39,6 +39,13 @@ class LocaliserConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         float,
         Meta(ge=0.0, le=1.0, description="the status is match from this probability of the best place on"),
     ] = 0.5
+    filter: Annotated[
+        Literal["none", "bayes"],
+        Meta(
+            description="none: each answer by itself; bayes: by what has been seen, where it has been looked for, "
+            "and the way walked",
+        ),
+    ] = "none"
     max_update_bytes: Annotated[
         int, Meta(ge=1024, le=2**30, description="a larger update is refused, in bytes of JSON")
     ] = 16 * 2**20

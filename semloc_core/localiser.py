@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
 from semloc_core.encoder.base import Encoded
@@ -22,15 +23,17 @@ from semloc_core.explain.fidelity import own_fidelity
 from semloc_core.explain.similarity import SimilarityQuery
 from semloc_core.map_database import LoadedMap
 from semloc_core.place_graph import Batch, extract
-from semloc_core.posterior import CANDIDATES, RIVAL_RATIO, modes, place_probabilities
+from semloc_core.posterior import CANDIDATES, Ranking, modes, place_probabilities
 from semloc_core.radius_index import RadiusIndex
 from semloc_core.stream import Outcome, UpdateStream
+from semloc_core.tracker import Tracker
 from semloc_core.visibility import Visibility
 from semloc_core.wire import (
     ClassAttributions,
     MapInfo,
     Match,
     ModelInfo,
+    Odometry,
     PlaceMatches,
     SceneGraphUpdate,
     Status,
@@ -112,6 +115,9 @@ class Localiser:
         self._visibility: Visibility | None = None
         self._model_info = ModelInfo(name=self.map.model.encoder.name, hash=self.map.model.hash)
         self._index = RadiusIndex(self.map.positions, self.map.building_index, MATCH_RADIUS_M)
+        self._odometry: Odometry | None = None
+        filtered = self.config.filter == "bayes" and len(self.map.place_ids) > 0
+        self._tracker = Tracker(self.map) if filtered else None
 
     def update(self, update: SceneGraphUpdate | bytes | str) -> Localisation:
         """Take an update, and answer.
@@ -141,6 +147,9 @@ class Localiser:
         """
         self.stream, self._seq, self._stamp_ns = other.stream, other._seq, other._stamp_ns
         self._explained_ns, graph = other._explained_ns, other.stream.graph
+        self._odometry = other._odometry
+        if self._tracker is not None and other._tracker is not None and other.map.hash == self.map.hash:
+            self._tracker = other._tracker
         self._visibility = None
         self.unknown_classes.clear()
         if graph is None:
@@ -162,6 +171,7 @@ class Localiser:
         if outcome is Outcome.REPEATED:
             return outcome
         self._seq, self._stamp_ns = update.seq, update.stamp_ns
+        self._odometry = update.odometry
         graph = self.stream.graph
         if graph is None:
             self._visibility = None
@@ -185,29 +195,42 @@ class Localiser:
         """
         query = self._embed(place)
         if query.encoded is None:
+            if place is None:
+                self._track(query, np.zeros(len(self.map.place_ids), dtype=np.float32))
             status: Status = "no_graph" if self.stream.graph is None or not len(self.map.place_ids) else "unknown"
             return Located(query, self._message(query, status), self.map)
         z = query.encoded.embedding[0].numpy()
-        rows, ranked = self.map.search(z, max(CANDIDATES, self.config.top_n))
-        similarity = dict(zip(rows.tolist(), ranked.tolist(), strict=True))
-        shown = rows[: self.config.top_n]
-        separate = modes(rows, self._index.within)
-        asked = np.concatenate([shown, np.array(separate, dtype=np.int64)])
         everywhere = self.map.embeddings @ z
-        chances = place_probabilities(everywhere, self.map.model.temperature, asked, self._index.within)
-        probability = dict(zip(asked.tolist(), chances.tolist(), strict=True))
-        best = int(rows[0])
-        accepted = probability[best] >= self.config.accept_probability
-        elsewhere = [row for row in separate[1:] if probability[row] >= RIVAL_RATIO * probability[best]]
-        elsewhere.sort(key=lambda row: -probability[row])
-        rivals = [] if accepted else elsewhere[: self.config.top_n]
+        raw = self._search(z, everywhere)
+        ranking = (self._track(query, everywhere) if place is None else None) or raw
+        best = int(ranking.rows[0])
+        accepted = ranking.probability[best] >= self.config.accept_probability
         message = self._message(
             query,
             "match" if accepted else "ambiguous",
-            matches=[self._match(i + 1, int(r), similarity, probability) for i, r in enumerate(shown)],
-            rivals=[self._match(i + 1, r, similarity, probability) for i, r in enumerate(rivals)],
+            matches=self._matches(ranking.rows, ranking, everywhere),
+            rivals=[] if accepted else self._matches(ranking.rivals()[: self.config.top_n], ranking, everywhere),
+            raw_matches=self._matches(raw.rows, raw, everywhere) if ranking is not raw else None,
         )
         return Located(query, message, self.map, best)
+
+    def _search(self, z: NDArray[np.float32], everywhere: NDArray[np.float32]) -> Ranking:
+        """The places most similar to an embedding (D,), of which ``everywhere`` (M,) are the similarities."""
+        rows, ranked = self.map.search(z, max(CANDIDATES, self.config.top_n))
+        everywhere[rows] = ranked  # the same but for the last bit, which must not differ between a match and another
+        shown = rows[: self.config.top_n]
+        separate = np.array(modes(rows, self._index.within), dtype=np.int64)
+        asked = np.concatenate([shown, separate])
+        chances = place_probabilities(everywhere, self.map.model.temperature, asked, self._index.within)
+        return Ranking(shown, separate, dict(zip(asked.tolist(), chances.tolist(), strict=True)))
+
+    def _track(self, query: Query, everywhere: NDArray[np.float32]) -> Ranking | None:
+        """What the filter makes of it, if there is one: also of a place with nothing around it."""
+        graph = self.stream.graph
+        if self._tracker is None or graph is None or query.place not in graph.places:
+            return None
+        self._tracker.observe(graph, query.place, everywhere, self._odometry)
+        return self._tracker.ranking(self.config.top_n)
 
     def _embed(self, place: str | None) -> Query:
         """Find the query place, extract its surroundings, encode them."""
@@ -286,16 +309,18 @@ class Localiser:
 
     # -- messages ----------------------------------------------------------------------------------------------
 
-    def _match(self, rank: int, row: int, similarity: dict[int, float], probability: dict[int, float]) -> Match:
-        x, y, z = self.map.positions[row].tolist()
-        return Match(
-            rank=rank,
-            map=self.map.buildings[int(self.map.building_index[row])],
-            place=self.map.place_ids[row],
-            position=(x, y, z),
-            similarity=similarity[row],
-            probability=probability[row],
-        )
+    def _matches(self, rows: NDArray[np.int64], ranking: Ranking, similarity: NDArray[np.float32]) -> list[Match]:
+        return [
+            Match(
+                rank=rank,
+                map=self.map.buildings[int(self.map.building_index[row])],
+                place=self.map.place_ids[row],
+                position=tuple(self.map.positions[row].tolist()),
+                similarity=float(similarity[row]),
+                probability=ranking.probability[row],
+            )
+            for rank, row in enumerate(rows.tolist(), 1)
+        ]
 
     def _message(
         self,
@@ -303,6 +328,7 @@ class Localiser:
         status: Status,
         matches: list[Match] | None = None,
         rivals: list[Match] | None = None,
+        raw_matches: list[Match] | None = None,
     ) -> PlaceMatches:
         return PlaceMatches(
             schema="semloc/place_matches/1",
@@ -312,7 +338,7 @@ class Localiser:
             query_place=query.place,
             status=status,
             matches=matches or [],
-            raw_matches=None,
+            raw_matches=raw_matches,
             rivals=rivals or [],
             map=MapInfo(name=self.map.name, hash=self.map.hash, places=len(self.map.place_ids)),
             model=self._model_info,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,25 @@ Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 CANDIDATES = 256
 """How many of the most similar places are looked at for rivals; the rest is too unlike to be one."""
+RIVALS = 20
+"""How many separate answers of a filter are looked at for rivals."""
 RIVAL_RATIO = 0.5
 """A place elsewhere rivals the best one from this fraction of its probability on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """Rows of the map to be shown, best first; rows no two of which are one answer; the probability of each."""
+
+    rows: Ints
+    separate: Ints
+    probability: dict[int, float]
+
+    def rivals(self) -> Ints:
+        """Answers other than the first that are nearly as likely, by falling probability."""
+        best = self.probability[int(self.rows[0])]
+        elsewhere = [r for r in self.separate[1:].tolist() if self.probability[r] >= RIVAL_RATIO * best]
+        return np.array(sorted(elsewhere, key=lambda row: -self.probability[row]), dtype=np.int64)
 
 
 def place_probabilities(

@@ -9,6 +9,7 @@ from semloc_core.evaluate.walks import Walk
 from semloc_core.geodesic import many_balls
 from semloc_core.graph_arrays import Ints
 from semloc_core.model import Model, embed_batch
+from semloc_core.observation import REACH_M, RING_CENTRES_M, Surroundings, ring_shares
 from semloc_core.place_graph import Batch, extract_all
 from semloc_core.place_graph.batch import batch_of_arrays
 
@@ -65,6 +66,20 @@ def stars_along(walk: Walk, n_classes: int, radius_m: float) -> Batch:
     )
 
 
+def surroundings_along(walk: Walk, n_classes: int) -> Surroundings:
+    """What is known around the robot's place at each step (`semloc_core.observation.surroundings`), T rows."""
+    batch = stars_along(walk, n_classes, REACH_M)
+    source, root = batch.edge_index.numpy()
+    class_ = batch.features.numpy().argmax(axis=1)[source]
+    objects = np.zeros((walk.steps, n_classes, len(RING_CENTRES_M)), dtype=np.float32)
+    np.add.at(objects, (root, class_), ring_shares(batch.edge_length.numpy().astype(np.float64)))
+    places = np.zeros((walk.steps, len(RING_CENTRES_M)), dtype=np.float32)
+    lengths = walk.graph.edge_lengths()
+    for step in range(walk.steps):
+        places[step] = ring_shares(_reached(walk, step, lengths, REACH_M)[1]).sum(axis=0)
+    return Surroundings(objects, places)
+
+
 _NONE = np.zeros(0, dtype=np.int64)
 
 
@@ -73,9 +88,7 @@ def _star(
 ) -> tuple[Ints, NDArray[np.float64]]:
     """Objects in reach at a step, by id, and metres to the nearest parent of each."""
     graph, places, objects = walk.graph, walk.seen_places[step], walk.seen_objects[step]
-    edges = graph.place_edges
-    known = places[edges].all(axis=0)
-    _, at, far = many_balls(graph.n_places, edges[:, known], lengths[known], walk.places[step : step + 1], radius_m)
+    at, far = _reached(walk, step, lengths, radius_m)
     metres = np.full(graph.n_places, np.inf)
     metres[at] = far
     child, parent = graph.object_parents
@@ -85,3 +98,11 @@ def _star(
     reached = np.flatnonzero(nearest <= radius_m)
     reached = reached[np.argsort(rank[reached])]
     return reached, nearest[reached]
+
+
+def _reached(walk: Walk, step: int, lengths: NDArray[np.float64], radius_m: float) -> tuple[Ints, NDArray[np.float64]]:
+    """Known places in reach of the robot's place at a step, and metres to each."""
+    edges, places = walk.graph.place_edges, walk.seen_places[step]
+    known = places[edges].all(axis=0)
+    here = walk.places[step : step + 1]
+    return many_balls(walk.graph.n_places, edges[:, known], lengths[known], here, radius_m)[1:]

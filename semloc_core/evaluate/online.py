@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.evaluate import metrics
 from semloc_core.evaluate.agreement import Agreement
-from semloc_core.evaluate.fragments import answered, embed_walk
+from semloc_core.evaluate.fragments import answered, embed_walk, surroundings_along
 from semloc_core.evaluate.relocalise import Arena, fitted, make_arena, read_buildings
 from semloc_core.evaluate.rows import Progress, Row, no_progress
 from semloc_core.evaluate.walks import Walk, WalkConfig, walk
 from semloc_core.graph_arrays import Ints
 from semloc_core.labelspace import union
 from semloc_core.model import Model, embed_graph
+from semloc_core.sequence import FilterConfig, MapModel, PlaceFilter, map_model
 
 ENCODERS = ("bag_of_words", "rings")
 SCOPES_M = (0.0, 5.0, 10.0, 20.0, 40.0)
@@ -49,6 +50,7 @@ def evaluate_online(
     config: WalkConfig | None = None,
     walks: int = 10,
     scopes_m: Sequence[float] = SCOPES_M,
+    filtered: bool = True,
     bound: bool = True,
     radius_m: float = MATCH_RADIUS_M,
     seed: int = 0,
@@ -65,15 +67,17 @@ def evaluate_online(
         walks: walks a building, on average: a building has them by its number of places, so that the robot is
             equally likely to start at any place of any building.
         scopes_m: metres walked at which answers are judged.
+        filtered: judge each method with the filter over places (`semloc_core.sequence`) too.
         bound: judge `semloc_core.evaluate.agreement` too.
         radius_m: how near is right.
         seed: of walks and bootstrap.
         progress: told of every method and building.
 
     Returns:
-        For each method, for ``home`` ``any`` (all buildings are searched) and ``known`` (only the one that the robot
-        is in), a row a scope (``0m``, ``5m`` …): ``success@N`` with a 95 % bootstrap interval ``_low``, ``_high`` over
-        buildings (over walks where there is only one) and ``queries``, one a walk.
+        For each method, for ``filter`` ``none`` and ``bayes``, for ``home`` ``any`` (all buildings are searched) and
+        ``known`` (only the one that the robot is in), a row a scope (``0m``, ``5m`` …): ``success@N`` with a 95 %
+        bootstrap interval ``_low``, ``_high`` over buildings (over walks where there is only one) and ``queries``,
+        one a walk.
 
     Raises:
         FileFormatError: no building in the folder, or a file that can't be read.
@@ -86,15 +90,20 @@ def evaluate_online(
     config = msgspec.structs.replace(config or WalkConfig(), distance_m=max(*scopes_m, 1e-9))
     total = len(encoders) + len(models) + bound
     rows: list[Row] = []
+    paths = make_walks(arena, config, walks, seed)
+    places = read_maps(arena, radius_m) if filtered else None
     for done, name in enumerate(encoders):
         progress(done, total, name)
-        paths = make_walks(arena, config, walks, seed)
-        rows += judge_online(name, fitted(name, arena), arena, paths, scopes_m, radius_m, seed)
+        rows += judge_online(name, fitted(name, arena), arena, paths, scopes_m, radius_m, seed, places)
     for done, model in enumerate(models, len(encoders)):
         name = f"{model.encoder.name} {model.hash[:8]}"
         progress(done, total, name)
-        own = arena if model.labelspace.hash == labelspace.hash else make_arena(buildings, model.labelspace)
-        rows += judge_online(name, model, own, make_walks(own, config, walks, seed), scopes_m, radius_m, seed)
+        own, its, places_of_own = arena, paths, places
+        if model.labelspace.hash != labelspace.hash:
+            own = make_arena(buildings, model.labelspace)
+            its = make_walks(own, config, walks, seed)
+            places_of_own = read_maps(own, radius_m) if filtered else None
+        rows += judge_online(name, model, own, its, scopes_m, radius_m, seed, places_of_own)
     if bound:
         progress(total - 1, total, "agreement")
         agreement = Agreement(arena.maps, len(arena.labelspace))
@@ -117,6 +126,12 @@ def make_walks(arena: Arena, config: WalkConfig, walks: int, seed: int) -> list[
     ]
 
 
+def read_maps(arena: Arena, radius_m: float) -> MapModel:
+    """What the filter needs of an arena's maps."""
+    graphs = [graph.to_scene_graph(arena.labelspace) for graph in arena.maps]
+    return map_model(graphs, arena.labelspace, radius_m=radius_m)
+
+
 def judge_online(
     method: str,
     model: Model,
@@ -125,20 +140,52 @@ def judge_online(
     scopes_m: Sequence[float],
     radius_m: float,
     seed: int,
+    places: MapModel | None = None,
 ) -> list[Row]:
-    """The rows of one encoder; see `evaluate_online`."""
+    """The rows of one encoder; see `evaluate_online`. Without ``places`` there are none with the filter."""
     database = np.concatenate([embed_graph(model, graph) for graph in arena.maps])
-    verdicts = {home: np.zeros((len(paths), len(scopes_m), max(metrics.RANKS)), np.bool_) for home in ("any", "known")}
+    variants = [(f, home) for f in (("none", "bayes") if places else ("none",)) for home in ("any", "known")]
+    verdicts = {v: np.zeros((len(paths), len(scopes_m), max(metrics.RANKS)), np.bool_) for v in variants}
     for i, path in enumerate(paths):
         at = steps_at(path.walk, scopes_m)
-        similarity = metrics.similarity_matrix(embed_walk(model, path.walk.at(at)), database)
-        similarity[~answered(path.walk.at(at))] = -np.inf
-        for home, right in verdicts.items():
-            right[i] = verdict(arena, path, at, similarity, radius_m, known=home == "known")
+        if places is None:
+            similarity = metrics.similarity_matrix(embed_walk(model, path.walk.at(at)), database)
+        else:
+            every = metrics.similarity_matrix(embed_walk(model, path.walk), database)
+            similarity = every[at]
+            evidence = places.evidence(surroundings_along(path.walk, model.encoder.n_classes), every, FilterConfig())
+        for (filter_, home), right in verdicts.items():
+            only = arena.building == path.building if home == "known" else np.ones(len(database), np.bool_)
+            if filter_ == "none" or places is None:
+                best = metrics.top(np.where(only, similarity, np.float32(-2)), max(metrics.RANKS))
+            else:
+                best = believed(PlaceFilter(places, only=only), path.walk, evidence, at)
+            right[i] = verdict(arena, path, at, best, radius_m)
     rows = []
-    for home, right in verdicts.items():
-        rows += _rows({"method": method, "home": home}, right, paths, scopes_m, seed)
+    for (filter_, home), right in verdicts.items():
+        rows += _rows({"method": method, "filter": filter_, "home": home}, right, paths, scopes_m, seed)
     return rows
+
+
+def believed(filter_: PlaceFilter, walk: Walk, evidence: Similarities, at: Ints) -> Ints:
+    """(K, 10) the filter's answers at K steps of a walk, -1 where it has no more.
+
+    Args:
+        filter_: goes on from what it believes.
+        walk: T steps; the displacement from place to place, as perceived, stands for odometry.
+        evidence: (T, M), of `MapModel.evidence`.
+        at: (K,) steps.
+
+    """
+    moves = np.diff(walk.graph.place_positions[walk.places], axis=0)
+    walked = np.concatenate([[0.0], np.linalg.norm(moves, axis=1)])
+    answers = np.full((len(at), max(metrics.RANKS)), -1, dtype=np.int64)
+    for step in range(walk.steps):
+        filter_.update(evidence[step], float(walked[step]))
+        for row in np.flatnonzero(at == step):
+            found, _ = filter_.ranking(answers.shape[1])
+            answers[row, : len(found)] = found
+    return answers
 
 
 def judge_agreement(
@@ -172,6 +219,7 @@ def judge_agreement(
         rows.append(
             {
                 "method": method,
+                "filter": "none",
                 "home": "any",
                 "scope": f"{metres:g}m",
                 "queries": len(paths),
@@ -189,25 +237,22 @@ def steps_at(walk: Walk, scopes_m: Sequence[float]) -> Ints:
     return np.minimum(np.searchsorted(walk.metres, scopes_m), walk.steps - 1).astype(np.int64)
 
 
-def verdict(arena: Arena, path: OnlineWalk, at: Ints, score: Similarities, radius_m: float, *, known: bool) -> Bools:
-    """(K, 10) whether each of the best ten is right, at K steps; places of score -inf are no answer.
+def verdict(arena: Arena, path: OnlineWalk, at: Ints, best: Ints, radius_m: float) -> Bools:
+    """(K, 10) whether each answer is right, at K steps.
 
     Args:
         arena: its maps are the database of M places.
         path: the walk.
         at: (K,) steps.
-        score: (K, M) float32, the higher the better.
+        best: (K, 10) rows of the database, best first; -1 is no answer, and none is given where the robot's place
+            has no neighbour.
         radius_m: how near is right.
-        known: only places of the building that the robot is in are answers.
 
     """
-    building, positions = arena.building, arena.positions
-    if known:
-        score = np.where(building == path.building, score, np.float32(-np.inf))
-    best = metrics.top(score, max(metrics.RANKS))
-    away = np.linalg.norm(positions[best] - path.walk.truth()[at][:, None], axis=2)
-    said = np.isfinite(np.take_along_axis(score, best, axis=1))
-    right: Bools = (away <= radius_m) & (building[best] == path.building) & said
+    asked = path.walk.at(at)
+    away = np.linalg.norm(arena.positions[best] - asked.truth()[:, None], axis=2)
+    right: Bools = (away <= radius_m) & (arena.building[best] == path.building) & (best >= 0)
+    right &= answered(asked)[:, None]
     missing = max(metrics.RANKS) - right.shape[1]
     return np.pad(right, ((0, 0), (0, missing)))
 

@@ -10,16 +10,19 @@ from semloc_core.config import LocaliserConfig
 from semloc_core.encoder import build_encoder
 from semloc_core.errors import GraphError
 from semloc_core.evaluate.agreement import Agreement
-from semloc_core.evaluate.fragments import answered, embed_walk
-from semloc_core.evaluate.online import evaluate_online, steps_at
+from semloc_core.evaluate.fragments import answered, embed_walk, surroundings_along
+from semloc_core.evaluate.online import evaluate_online, read_maps, steps_at
+from semloc_core.evaluate.relocalise import Arena
 from semloc_core.evaluate.rows import Row
 from semloc_core.evaluate.walks import Walk, WalkConfig, walk
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.labelspace import Labelspace
 from semloc_core.localiser import Localiser
-from semloc_core.map_database import LoadedMap
+from semloc_core.map_database import LoadedMap, MapDatabase, load
 from semloc_core.messages import SceneGraphUpdate
 from semloc_core.model import Model, embed_graph
+from semloc_core.observation import surroundings
+from semloc_core.sequence import FilterConfig, PlaceFilter
 from semloc_core.world import World, write_world
 
 NOISY = WalkConfig(distance_m=15.0, flicker_rate=0.3, object_noise_m=0.5, place_noise_m=0.1)
@@ -76,6 +79,55 @@ def test_a_walk_in_arrays_is_answered_as_its_stream_is(
         best = located.matches.matches[0].similarity
         assert best == pytest.approx(float((database @ embedded[step]).max()), abs=1e-5)
     assert answers > path.steps / 2
+
+
+def test_the_filter_on_arrays_believes_what_the_localiser_does(small_worlds: list[World], tmp_path: Path) -> None:
+    """The map's three buildings, a walk with noise in the second; odometry is the way from place to place."""
+    space = small_worlds[0].labelspace
+    model = Model(build_encoder("rings", None, len(space)), space)
+    maps = [GraphArrays.from_scene_graph(w.graph, space, n) for n, w in zip("abc", small_worlds, strict=True)]
+    with MapDatabase.create(tmp_path / "abc.map", model) as database:
+        for arrays, world in zip(maps, small_worlds, strict=True):
+            database.add_building(
+                arrays.name, world.graph, arrays.place_ids, arrays.place_positions, embed_graph(model, arrays)
+            )
+    loaded = load(tmp_path / "abc.map")
+    path = walk(maps[1], NOISY, np.random.default_rng(2))
+    arena = Arena(space, tuple(maps), tuple(maps))
+    places = read_maps(arena, 4.0)
+    seen = surroundings_along(path, len(space))
+    evidence = places.evidence(seen, embed_walk(model, path) @ loaded.embeddings.T, FilterConfig())
+    robot = PlaceFilter(places)
+    localiser = Localiser(loaded, LocaliserConfig(explain_rate_hz=0.0, filter="bayes"))
+    walked = np.linalg.norm(np.diff(path.graph.place_positions[path.places], axis=0, prepend=np.nan), axis=1)
+    unfiltered = Localiser(loaded, LocaliserConfig(explain_rate_hz=0.0))
+    answers = clear = 0
+    for step, update in enumerate(stream(path, space)):
+        answer, raw = localiser.update(update).matches, unfiltered.update(update).matches
+        assert answer is not None
+        assert raw is not None
+        graph = localiser.stream.graph
+        assert graph is not None
+        assert graph.query_place is not None
+        now = surroundings(graph, space, [graph.query_place])
+        np.testing.assert_allclose(now.objects[0], seen.objects[step], atol=1e-5)
+        np.testing.assert_allclose(now.places[0], seen.places[step], rtol=1e-5)
+        robot.update(evidence[step], 0.0 if step == 0 else float(walked[step]))
+        if answer.status == "unknown":
+            assert not seen.objects[step].any() or not answered(path)[step]
+            continue
+        answers += 1
+        rows, chances = robot.ranking(2)
+        assert answer.matches[0].probability == pytest.approx(float(chances[0]), rel=1e-2)
+        if chances[0] > chances[1] + 0.01:
+            clear += 1
+            away = (
+                loaded.positions[loaded.row(answer.matches[0].map, answer.matches[0].place)] - loaded.positions[rows[0]]
+            )
+            assert np.linalg.norm(away) < 1.0
+        assert answer.raw_matches == raw.matches
+    assert answers > 5
+    assert clear > 3
 
 
 def test_a_walk_goes_along_edges_and_remembers_what_was_in_range(small_arrays: GraphArrays) -> None:
@@ -162,17 +214,21 @@ def root(tmp_path_factory: pytest.TempPathFactory, small_worlds: list[World]) ->
     return folder
 
 
-def figures(rows: list[Row], method: str, home: str) -> dict[str, float]:
+def figures(rows: list[Row], method: str, home: str, filter_: str = "none") -> dict[str, float]:
     return {
         str(row["scope"]): float(row["success@1"] or 0.0)
         for row in rows
-        if row["method"] == method and row["home"] == home
+        if (row["method"], row["home"], row["filter"]) == (method, home, filter_)
     }
 
 
 def test_a_robot_finds_itself_once_it_has_seen_the_building(root: Path) -> None:
     rows = evaluate_online(root, encoders=("rings",), walks=4, scopes_m=(0.0, 60.0))
+    assert {row["filter"] for row in rows if row["method"] == "rings"} == {"none", "bayes"}
+    filtered = figures(rows, "rings", "any", "bayes")
+    assert filtered["60m"] > 0.9
     any_, known = figures(rows, "rings", "any"), figures(rows, "rings", "known")
+    assert filtered["0m"] >= any_["0m"]
     assert list(any_) == ["0m", "60m"]
     assert any_["60m"] > 0.9
     assert any_["60m"] > any_["0m"]

@@ -1,0 +1,81 @@
+"""The filter over places as a localiser runs it: fed with an online graph, update by update."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semloc_core.map_database import LoadedMap
+from semloc_core.observation import surroundings
+from semloc_core.posterior import RIVALS, Ranking
+from semloc_core.scene_graph import SceneGraph
+from semloc_core.sequence import FilterConfig, PlaceFilter, map_model
+from semloc_core.wire import Odometry, Position
+
+STANDS_STILL_M = 0.3
+"""The robot has not moved before it is so far from where it last had: odometry's jitter is no way walked."""
+
+
+class Tracker:
+    """Where the robot has been says where it can be. Forgets nothing at a full update, a gap or a lost graph.
+
+    How far it walked is the length of odometry's displacement, or without odometry that of the query place. After a
+    gap the next observation comes with the whole displacement, and the belief is spread by it; a displacement
+    across a restart, where the frame is another one, is as good as any: what is seen then outweighs it in a few steps.
+
+    Args:
+        loaded: the map, as loaded from a file (the scene graphs are read).
+        config: of the filter.
+
+    Raises:
+        MapError: the map holds no scene graphs.
+
+    """
+
+    def __init__(self, loaded: LoadedMap, config: FilterConfig | None = None) -> None:
+        self._labelspace = loaded.model.labelspace
+        self._model = map_model(
+            [loaded.graph(building) for building in loaded.buildings],
+            self._labelspace,
+            [loaded.place_ids[loaded.rows_of(building)] for building in loaded.buildings],
+        )
+        self.filter = PlaceFilter(self._model, config)
+        self._observed: tuple[SceneGraph, int] | None = None
+        self._stood: tuple[Position, bool] | None = None
+
+    def observe(
+        self, graph: SceneGraph, place: str, similarity: NDArray[np.float32], odometry: Odometry | None
+    ) -> None:
+        """Take in the graph as it is; once, however often it is asked.
+
+        Args:
+            graph: what the robot knows.
+            place: where in it the robot is.
+            similarity: (M,) of the place's embedding to all places of the map.
+            odometry: of the last update, or None.
+
+        """
+        if self._observed is not None and self._observed[0] is graph and self._observed[1] == graph.version:
+            return
+        self._observed = (graph, graph.version)
+        position = graph.places[place] if odometry is None else odometry.position
+        seen = surroundings(graph, self._labelspace, [place])
+        evidence = self._model.evidence(seen, similarity[None], self.filter.config)[0]
+        self.filter.update(evidence, self._walked(position, odometry is not None))
+
+    def ranking(self, n: int) -> Ranking:
+        """The ``n`` likeliest answers, and those that may rival the first."""
+        rows, chances = self.filter.ranking(max(RIVALS, n))
+        return Ranking(rows[:n], rows, dict(zip(rows.tolist(), chances.tolist(), strict=True)))
+
+    def _walked(self, position: Position, by_odometry: bool) -> float:
+        if self._stood is None or self._stood[1] != by_odometry:  # positions of two kinds can't be compared
+            self._stood = (position, by_odometry)
+            return 0.0
+        metres = math.dist(self._stood[0], position)
+        if metres < STANDS_STILL_M:
+            return 0.0
+        self._stood = (position, by_odometry)
+        return metres
