@@ -5,10 +5,11 @@ if [ ! -e "$ros/setup.bash" ]; then
     echo "expected ROS 2 Jazzy in $ros (got nothing there); ROS=/path/to/it chooses another place" >&2
     exit 2
 fi
+nounset=$(set +o | grep nounset) # ROS's own scripts read what is not set
 set +u
 # shellcheck source=/dev/null
 source "$ros/setup.bash"
-set -u
+eval "$nounset"
 if [ -d "$ros/share/rmw_cyclonedds_cpp" ]; then
     export RMW_IMPLEMENTATION=${RMW_IMPLEMENTATION:-rmw_cyclonedds_cpp}
 fi

@@ -87,7 +87,13 @@ class Session:
 
     def ask(self, request: wire.ExplainRequest) -> Future[str]:
         """Have a request answered about the graph as it is now."""
-        located = self.worker.call(lambda localiser: localiser.locate(request.query_place))
+
+        def locate(localiser: Localiser) -> Located:
+            graph = localiser.stream.graph
+            # The place is named also where it is the robot's own: a question is no observation of a filter's.
+            return localiser.locate(request.query_place or (graph.query_place if graph is not None else None))
+
+        located = self.worker.call(locate)
         return self.explaining.ask(located, self.worker.localiser.config, request)
 
     def publish_explanation(self, text: str) -> None:
