@@ -116,8 +116,7 @@ class Localiser:
         self._model_info = ModelInfo(name=self.map.model.encoder.name, hash=self.map.model.hash)
         self._index = RadiusIndex(self.map.positions, self.map.building_index, MATCH_RADIUS_M)
         self._odometry: Odometry | None = None
-        filtered = self.config.filter == "bayes" and len(self.map.place_ids) > 0
-        self._tracker = Tracker(self.map) if filtered else None
+        self._tracker = Tracker(self.map) if self.config.filter == "bayes" and self.map.n_places else None
 
     def update(self, update: SceneGraphUpdate | bytes | str) -> Localisation:
         """Take an update, and answer.

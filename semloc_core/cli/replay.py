@@ -24,6 +24,7 @@ def replay(
     top_n: Annotated[int, typer.Option(help=_HELP["top_n"])] = _DEFAULT.top_n,
     explain_rate_hz: Annotated[float, typer.Option(help=_HELP["explain_rate_hz"])] = _DEFAULT.explain_rate_hz,
     accept_probability: Annotated[float, typer.Option(help=_HELP["accept_probability"])] = _DEFAULT.accept_probability,
+    filter_: Annotated[str, typer.Option("--filter", metavar="none|bayes", help=_HELP["filter"])] = _DEFAULT.filter,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the closing table.")] = False,
     json_file: Json = None,
 ) -> None:
@@ -40,7 +41,11 @@ def replay(
 
     torch.set_num_threads(1)
     config = checked(
-        LocaliserConfig, top_n=top_n, explain_rate_hz=explain_rate_hz, accept_probability=accept_probability
+        LocaliserConfig,
+        top_n=top_n,
+        explain_rate_hz=explain_rate_hz,
+        accept_probability=accept_probability,
+        filter=filter_,
     )
     shown_ns: list[int] = []
 

@@ -99,9 +99,10 @@ def test_from_graph_to_explained_answer(semloc, office, map_file, run, tmp_path)
     assert str(place) in explained.out
 
 
-def test_a_replay_gives_the_same_bytes_again(semloc, map_file, run, tmp_path):
+@pytest.mark.parametrize("filter_", ["none", "bayes"])
+def test_a_replay_gives_the_same_bytes_again(filter_, semloc, map_file, run, tmp_path):
     for name in ("a.mcap", "b.mcap"):
-        assert semloc("replay", run, "--map", map_file, "-o", tmp_path / name, "-q").code == 0
+        assert semloc("replay", run, "--map", map_file, "-o", tmp_path / name, "-q", "--filter", filter_).code == 0
     assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
 
 
