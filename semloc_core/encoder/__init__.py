@@ -10,13 +10,21 @@ import torch
 
 from semloc_core.encoder.bag_of_words import BagOfWordsEncoder, HistogramEncoder, TfidfEncoder
 from semloc_core.encoder.base import Encoded, Encoder, Extraction
+from semloc_core.encoder.geodesic_attention import GeodesicAttentionEncoder
 from semloc_core.encoder.paper import PaperEncoder
 from semloc_core.encoder.rings import RingsEncoder
 from semloc_core.errors import ConfigError
 
 ENCODERS: dict[str, type[Encoder]] = {
     encoder.name: encoder
-    for encoder in (PaperEncoder, RingsEncoder, BagOfWordsEncoder, TfidfEncoder, HistogramEncoder)
+    for encoder in (
+        PaperEncoder,
+        GeodesicAttentionEncoder,
+        RingsEncoder,
+        BagOfWordsEncoder,
+        TfidfEncoder,
+        HistogramEncoder,
+    )
 }
 
 __all__ = [
@@ -25,6 +33,7 @@ __all__ = [
     "Encoded",
     "Encoder",
     "Extraction",
+    "GeodesicAttentionEncoder",
     "HistogramEncoder",
     "PaperEncoder",
     "RingsEncoder",

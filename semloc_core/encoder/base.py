@@ -11,6 +11,7 @@ import msgspec
 import torch
 from torch import Tensor, nn
 
+from semloc_core.encoder.discriminant import Pairs
 from semloc_core.errors import ConfigError, ModelError
 from semloc_core.place_graph import Batch
 
@@ -28,12 +29,15 @@ class Extraction:
         hops: number of hops (``ego``; 1 for ``reach``).
         radius_m: ``ego``: objects see and are seen up to this geodesic distance from their parent place (the
             visibility radius); ``reach``: how far the star reaches. Metres.
+        bands: ``reach``: bands of geodesic distance (centre and width, metres) in which the free space around the
+            place is measured (`semloc_core.place_graph.free_space`); none: it is not.
 
     """
 
     kind: Literal["ego", "reach"]
     hops: int
     radius_m: float
+    bands: tuple[tuple[float, float], ...] = ()
 
     @property
     def visibility_m(self) -> float:
@@ -123,6 +127,9 @@ class Encoder(nn.Module, ABC):
     def fit(self, batches: Iterable[Batch]) -> None:
         """Set what is counted on map graphs and not learned by gradient (inverse document frequencies)."""
 
+    def warm_start(self, pairs: Iterable[Pairs]) -> None:
+        """Begin with better weights than random ones, from pairs of views of places; nothing unless overridden."""
+
     @property
     def trainable(self) -> bool:
         """Whether there are weights to learn."""
@@ -149,9 +156,7 @@ def check_config(name: str, config_type: type[S], config: msgspec.Struct | Mappi
     try:
         return msgspec.json.decode(msgspec.json.encode(config), type=config_type)
     except (msgspec.ValidationError, msgspec.DecodeError, TypeError) as error:
-        raise ConfigError(
-            f"expected a valid configuration of encoder '{name}' (got {config}: {error})"
-        ) from error
+        raise ConfigError(f"expected a valid configuration of encoder '{name}' (got {config}: {error})") from error
 
 
 def start_generator(generator: torch.Generator | None) -> torch.Generator:

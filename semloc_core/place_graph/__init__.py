@@ -14,7 +14,7 @@ from semloc_core.labelspace import Labelspace
 from semloc_core.place_graph.batch import Batch
 from semloc_core.place_graph.combine import repeat, union
 from semloc_core.place_graph.ego import ego_batch
-from semloc_core.place_graph.reach import reach_all_batch, reach_batch
+from semloc_core.place_graph.reach import reach_all_batch, reach_batch, take_stars
 from semloc_core.place_graph.whole import whole_graph_batch
 from semloc_core.scene_graph import SceneGraph
 from semloc_core.visibility import Visibility
@@ -30,6 +30,7 @@ __all__ = [
     "reach_all_batch",
     "reach_batch",
     "repeat",
+    "take_stars",
     "union",
     "whole_graph_batch",
 ]
@@ -56,7 +57,7 @@ def extract(
 
     """
     if extraction.kind == "reach":
-        return reach_batch(graph, labelspace, places, extraction.radius_m)
+        return reach_batch(graph, labelspace, places, extraction.radius_m, extraction.bands)
     return ego_batch(graph, visibility, labelspace, places, extraction.hops)
 
 
@@ -70,5 +71,5 @@ def extract_all(arrays: GraphArrays, n_classes: int, extraction: Extraction) -> 
 
     """
     if extraction.kind == "reach":
-        return reach_all_batch(arrays, n_classes, extraction.radius_m)
+        return reach_all_batch(arrays, n_classes, extraction.radius_m, bands=extraction.bands)
     return whole_graph_batch(arrays, n_classes, extraction.hops, extraction.radius_m)

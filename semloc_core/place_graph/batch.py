@@ -34,6 +34,8 @@ class Batch:
         edges_within: edges_within[h] = how many edges (a prefix) have a target at most h hops from its root,
             h = 0 … H-1.
         node_ids: N ids, of places and objects.
+        free_space: (B, R) float32, m² of free space around each root in R bands of distance
+            (`semloc_core.place_graph.free_space`); None unless the encoder asks for it.
 
     """
 
@@ -46,6 +48,7 @@ class Batch:
     nodes_within: tuple[int, ...]
     edges_within: tuple[int, ...]
     node_ids: tuple[str, ...]
+    free_space: Tensor | None = None
 
     def __post_init__(self) -> None:
         n, e = self.features.shape[0], self.edge_index.shape[1]
@@ -59,6 +62,10 @@ class Batch:
         assert self.nodes_within[0] == self.n_roots, (self.nodes_within, self.n_roots)
         assert self.nodes_within[-1] == n, (self.nodes_within, n)
         assert len(self.edges_within) == len(self.nodes_within) - 1, (self.nodes_within, self.edges_within)
+        if self.free_space is not None:
+            assert self.free_space.dtype == torch.float32, self.free_space.dtype
+            assert self.free_space.ndim == 2, self.free_space.shape
+            assert self.free_space.shape[0] == self.n_roots, (self.free_space.shape, self.n_roots)
         assert self.edges_within == () or self.edges_within[-1] == e, (self.edges_within, e)
 
     @property

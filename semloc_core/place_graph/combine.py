@@ -50,6 +50,7 @@ def repeat(batch: Batch, k: int) -> tuple[Batch, Tensor]:
         n_roots=k * batch.n_roots,
         nodes_within=tuple(k * count for count in batch.nodes_within),
         edges_within=tuple(k * count for count in batch.edges_within),
+        free_space=None if batch.free_space is None else batch.free_space.repeat(k, 1),
         node_ids=sum((batch.node_ids[a:b] * k for a, b in zip(starts, batch.nodes_within, strict=True)), ()),
     )
     return union, rows.to(device)
@@ -67,8 +68,11 @@ def union(batches: Sequence[Batch]) -> tuple[Batch, tuple[Tensor, ...]]:
 
     """
     kinds = {(len(batch.nodes_within), batch.features.shape[1]) for batch in batches}
+    measured = {batch.free_space is not None for batch in batches}
     if len(kinds) != 1:
         raise GraphError(f"expected batches of the same hops and classes (got {sorted(kinds)})")
+    if len(measured) != 1:
+        raise GraphError("expected free space of all batches or of none (got some with and some without)")
     rows = _rows_of_parts([batch.nodes_within for batch in batches])
     edge_rows = _rows_of_parts([batch.edges_within for batch in batches])
     first_graph = [0, *accumulate(_n_graphs(batch) for batch in batches)]
@@ -80,6 +84,7 @@ def union(batches: Sequence[Batch]) -> tuple[Batch, tuple[Tensor, ...]]:
     edges = [row[batch.edge_index] for row, batch in zip(rows, batches, strict=True)]
     graphs = [batch.graph + first for batch, first in zip(batches, first_graph, strict=False)]
     by_node, by_edge = node_order.to(device), edge_order.to(device)
+    spaces = [batch.free_space for batch in batches if batch.free_space is not None]
     joined = Batch(
         features=torch.cat([batch.features for batch in batches])[by_node],
         edge_index=torch.cat(edges, dim=1)[:, by_edge],
@@ -90,6 +95,7 @@ def union(batches: Sequence[Batch]) -> tuple[Batch, tuple[Tensor, ...]]:
         nodes_within=_totals([batch.nodes_within for batch in batches]),
         edges_within=_totals([batch.edges_within for batch in batches]),
         node_ids=tuple(ids[i] for i in node_order.tolist()),
+        free_space=torch.cat(spaces) if len(spaces) == len(batches) else None,
     )
     return joined, tuple(rows)
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-from semloc_core.config import MATCH_RADIUS_M
+from semloc_core.config import MATCH_RADIUS_M, checked
 
 
 class PerturbConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -69,11 +69,10 @@ class TrainConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     encoder_options: Annotated[
         dict[str, Any], Meta(description="options of the encoder that differ from its defaults")
     ] = msgspec.field(default_factory=dict)
-    loss: Annotated[Literal["infonce", "triplet", "contrastive", "mil_nce"],
+    loss: Annotated[
+        Literal["infonce", "triplet", "contrastive", "mil_nce"],
         Meta(description="the loss (paper, Table II; mil_nce: InfoNCE that asks for one of the positives, not all)"),
-   ] = (
-        "infonce"
-    )
+    ] = "infonce"
     margin: Annotated[
         float, Meta(gt=0.0, le=2.0, description="margin of the contrastive loss, a distance of unit vectors")
     ] = 1.0
@@ -149,6 +148,16 @@ class TrainConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     ] = None
 
 
+NEW_RUN = PerturbConfig(
+    mobility_scale=0.0,
+    jitter_m=0.4,
+    drop_probability=0.3,
+    false_ratio=0.3,
+    mislabel_probability=0.08,
+    resample_probability=1.0,
+)
+"""A new run, with more missed and invented than a detector does: what is learned must bear more than it will meet."""
+
 PERTURBATIONS: dict[str, PerturbConfig] = {
     "paper": PerturbConfig(),
     "detector": PerturbConfig(
@@ -161,3 +170,39 @@ PERTURBATIONS: dict[str, PerturbConfig] = {
 }
 """Named views of another day: ``paper`` moves objects only; ``detector`` is what a robot gets on a new run: its own
 places, a quarter of the objects missed, others invented or mislabelled."""
+
+ENCODER_TRAINING: dict[str, dict[str, Any]] = {
+    "geodesic_attention": {
+        "loss": "mil_nce",
+        "temperature": 0.07,
+        "learning_rate": 1e-3,
+        "warmup_steps": 30,
+        "steps": 400,
+        "gradient_clip": 1.0,
+        "buildings_per_step": 6,
+        "anchors_per_building": 100,
+        "pool": 2,
+        "refresh_steps": 100_000,
+        "perturb": NEW_RUN,
+        "perturb_map": PerturbConfig(mobility_scale=0.0, resample_probability=0.5),
+        "validate": NEW_RUN,
+        "redecorated": 6,
+        "fragment_walks": 7,
+        "fragment_stops": 7,
+        "warm_start_variants": 1,
+        "validate_steps": 100,
+        "validation_pairs": 1,
+    }
+}
+"""Options that an encoder is best trained with, where they are not `TrainConfig`'s defaults."""
+
+
+def train_config(encoder: str = "paper", **options: Any) -> TrainConfig:
+    """An encoder's own training options, and what differs from them.
+
+    Raises:
+        ConfigError: an option that does not exist, or a value out of its range.
+
+    """
+    made: TrainConfig = checked(TrainConfig, **{"encoder": encoder, **ENCODER_TRAINING.get(encoder, {}), **options})
+    return made

@@ -24,18 +24,22 @@ from semloc_core.errors import TrainingError
 from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.labelspace import Labelspace
 from semloc_core.model import Model
-from semloc_core.place_graph import extract_all, union
+from semloc_core.place_graph import Batch, extract_all, take_stars, union
 from semloc_core.training.config import PerturbConfig, TrainConfig
+from semloc_core.training.fragments import join
 from semloc_core.training.losses import Loss, build_loss, ignore_radius
+from semloc_core.training.redecorate import redecorate
 from semloc_core.training.split import Split, split_places
 from semloc_core.training.state import Progress, TrainingState, fingerprint, load_state, save_state
 from semloc_core.training.validation import fit_temperature, judge
 from semloc_core.training.variants import Variant, VariantMaker, VariantPool, pair_masks
+from semloc_core.training.warm_start import view_pairs
 
 logger = logging.getLogger(__name__)
 
 # Streams of randomness under one seed; a stream's number never changes meaning, so that old seeds stay good.
 _TRAINING, _VALIDATION, _BATCHES, _TEMPERATURE = 1, 2, 3, 4
+_MAPPED, _REDECORATED, _WARM_START, _WARM_MAPPED = 5, 6, 7, 8
 
 
 @dataclass(frozen=True)
@@ -111,15 +115,30 @@ def train(
     splits = [split_places(graph, config.seed) for graph in graphs]
     generator = torch.Generator().manual_seed(config.seed)
     encoder = build_encoder(config.encoder, config.encoder_options, len(labelspace), generator)
-    makers = [
-        VariantMaker(graphs, splits, labelspace, encoder.extraction, perturbation, (config.seed, stream))
-        for perturbation, stream in ((config.perturb, _TRAINING), (config.validate, _VALIDATION))
-    ]
+    trained, parts = [*graphs], [*splits]  # first the buildings themselves
+    for b, graph in enumerate(graphs):
+        for k in range(config.redecorated):
+            trained.append(redecorate(graph, graphs, np.random.default_rng([config.seed, _REDECORATED, b, k])))
+            parts.append(splits[b])
+    walks = (config.fragment_walks, config.fragment_stops, config.fragment_length_m)
+
+    def maker(stream: int, perturbation: PerturbConfig, fragments: bool) -> VariantMaker:
+        wanted = walks if fragments and config.fragment_walks > 0 else None
+        seed = (config.seed, stream)
+        return VariantMaker(trained, parts, labelspace, encoder.extraction, perturbation, seed, wanted)
+
+    asking, validating = maker(_TRAINING, config.perturb, True), maker(_VALIDATION, config.validate, False)
+    asked = None if config.perturb_map is None else maker(_MAPPED, config.perturb_map, False)
     held_out = [
-        [(makers[1].make(b, 2 * k), makers[1].make(b, 2 * k + 1)) for b in range(len(graphs))]
+        [(validating.make(b, 2 * k), validating.make(b, 2 * k + 1)) for b in range(len(graphs))]
         for k in range(config.validation_pairs)
     ]
-    run = _Run(config, encoder, VariantPool(makers[0], config.pool, config.refresh_steps), held_out, len(graphs))
+    if config.warm_start_variants > 0 and resume is None:
+        perturb_map = config.perturb if config.perturb_map is None else config.perturb_map
+        views = maker(_WARM_START, config.perturb, True), maker(_WARM_MAPPED, perturb_map, False)
+        encoder.warm_start(view_pairs(views, len(trained), config.warm_start_variants))
+    pool = VariantPool(asking, config.pool, config.refresh_steps, asked)
+    run = _Run(config, encoder, pool, held_out, len(trained))
     encoder.fit(extract_all(graph, len(labelspace), encoder.extraction) for graph in graphs)
     inputs = fingerprint(graphs, labelspace, config)
     stopped: Literal["steps", "patience", "time", "nothing to train"] = "nothing to train"
@@ -267,6 +286,12 @@ class _Run:
         swapped = None if ignore is None else ignore.T
         # Either variant may ask: the pair of passes is paid for, so both directions learn from it.
         loss = (self._loss(z_query, z_map, positive, ignore) + self._loss(z_map, z_query, positive.T, swapped)) / 2
+        seen = [(query.building, query.fragments) for query, _ in drawn if query.fragments is not None]
+        if seen:  # a fragment asks, and is never asked
+            batch, at = join([part for _, part in seen])
+            located = list(zip([building for building, _ in seen], at, strict=True))
+            positive, ignore = pair_masks(located, places, config.positive_radius_m, ignore_radius(config))
+            loss = loss + self._loss(self._encoder(batch), z_map, positive, ignore)
         for group in self._optimiser.param_groups:
             group["lr"] = config.learning_rate * _schedule(step, config.warmup_steps, config.steps)
         self._optimiser.zero_grad()
@@ -282,15 +307,20 @@ class _Run:
         """
         rows: list[Ints] = []
         at: list[tuple[int, Floats]] = []
-        first = 0
+        batches: list[Batch] = []
+        stars, first = self._encoder.extraction.kind == "reach", 0
         for variant in variants:
             chosen = np.flatnonzero(variant.mask("train"))
             if len(chosen) > self._config.anchors_per_building:
                 chosen = np.sort(rng.choice(chosen, self._config.anchors_per_building, replace=False))
-            rows.append(first + chosen)
             at.append((variant.building, variant.positions[chosen]))
-            first += len(variant.positions)
-        batches = [variant.batch for variant in variants]
+            if stars:  # a star needs nothing of its neighbours
+                batches.append(take_stars(variant.batch, chosen))
+                chosen = np.arange(len(chosen))
+            else:
+                batches.append(variant.batch)
+            rows.append(first + chosen)
+            first += batches[-1].n_roots
         batch = batches[0] if len(batches) == 1 else union(batches)[0]
         return self._encoder(batch)[torch.from_numpy(np.concatenate(rows))], at
 

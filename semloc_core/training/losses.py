@@ -123,6 +123,41 @@ def infonce(
     return (logits.logsumexp(1) - mean_positive).mean()
 
 
+def mil_nce(
+    z_query: Tensor,
+    z_map: Tensor,
+    positive: Tensor,
+    ignore: Tensor | None = None,
+    *,
+    temperature: float = 0.07,
+) -> Tensor:
+    r"""MIL-NCE (Miech et al., CVPR 2020, equation 1): InfoNCE content with any of the positives.
+
+    −log [Σ_p exp(s_p / T) / Σ_m exp(s_m / T)]: one answer that is right is enough, places within the matching radius
+    need not look alike. A query without a positive is left out.
+
+    Args:
+        z_query: (B, D) unit rows.
+        z_map: (M, D) unit rows.
+        positive: (B, M) bool.
+        ignore: (B, M) bool or None.
+        temperature: T.
+
+    Returns:
+        Scalar.
+
+    """
+    positive = _positive(positive, ignore)
+    judged = positive.any(1)
+    if not judged.any():
+        return _nothing(z_query, z_map)
+    logits = (z_query @ z_map.T)[judged] / temperature
+    if ignore is not None:
+        logits = logits.masked_fill(ignore[judged], -torch.inf)
+    right = logits.masked_fill(~positive[judged], -torch.inf)
+    return (logits.logsumexp(1) - right.logsumexp(1)).mean()
+
+
 def ignore_radius(config: TrainConfig) -> float:
     """Distance (m) up to which a pair that is not positive is no negative either."""
     return config.positive_radius_m + (config.triplet_gap_m if config.loss == "triplet" else 0.0)
@@ -137,6 +172,8 @@ def build_loss(config: TrainConfig) -> Loss:
         if config.loss == "triplet":
             margin, mining = config.triplet_margin, config.triplet_mining
             return triplet(z_query, z_map, positive, ignore, margin=margin, mining=mining)
+        if config.loss == "mil_nce":
+            return mil_nce(z_query, z_map, positive, ignore, temperature=config.temperature)
         return infonce(z_query, z_map, positive, ignore, temperature=config.temperature)
 
     return loss

@@ -51,6 +51,4 @@ def redecorate(graph: GraphArrays, others: Sequence[GraphArrays], rng: np.random
     positions[beside, :2] = positions[rng.integers(n, size=len(beside)), :2]
     positions[beside, :2] += rng.normal(0.0, GROUP_SPREAD_M, (len(beside), 2))
     parents = nearest_parents(positions, graph.place_positions, np.arange(n))
-    return replace(
-        graph, object_classes=classes, object_positions=positions, object_parents=parents, sightings=none
-    )
+    return replace(graph, object_classes=classes, object_positions=positions, object_parents=parents, sightings=none)

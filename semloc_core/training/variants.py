@@ -14,6 +14,7 @@ from semloc_core.graph_arrays import Floats, GraphArrays
 from semloc_core.labelspace import Labelspace
 from semloc_core.place_graph import Batch, extract_all
 from semloc_core.training.config import PerturbConfig
+from semloc_core.training.fragments import Fragments, draw_fragments
 from semloc_core.training.perturb import perturb
 from semloc_core.training.split import PARTS, Bools, Part, Split, positive_pairs
 
@@ -27,6 +28,7 @@ class Variant:
         building: index of the building.
         positions: (P, 3) float64, metres.
         parts: (P,) int8, index into `semloc_core.training.split.PARTS`.
+        fragments: queries of parts of it, where they are wanted.
 
     """
 
@@ -34,6 +36,7 @@ class Variant:
     building: int
     positions: Floats
     parts: NDArray[np.int8]
+    fragments: Fragments | None = None
 
     def mask(self, part: Part) -> Bools:
         """(P,) which of its places are in a part of the split."""
@@ -53,6 +56,7 @@ class VariantMaker:
         extraction: what the encoder reads.
         config: the perturbation.
         seed: (seed, stream): two makers with other streams share no variant.
+        walks: walks, stops on each and their length (m), for fragments of the graph; None: no fragments.
 
     """
 
@@ -64,44 +68,52 @@ class VariantMaker:
         extraction: Extraction,
         config: PerturbConfig,
         seed: tuple[int, int],
+        walks: tuple[int, int, float] | None = None,
     ) -> None:
         self._graphs, self._splits = graphs, splits
         self._labelspace, self._extraction = labelspace, extraction
-        self._config, self._seed = config, seed
+        self._config, self._seed, self._walks = config, seed, walks
 
     def make(self, building: int, number: int) -> Variant:
         """Variant ``number`` of a building."""
         rng = np.random.default_rng([*self._seed, building, number])
         graph = perturb(self._graphs[building], self._labelspace, self._config, rng)
         batch = extract_all(graph, len(self._labelspace), self._extraction)
-        return Variant(batch, building, graph.place_positions, self._splits[building].parts_of(graph))
+        parts = self._splits[building].parts_of(graph)
+        fragments = None
+        if self._walks is not None:
+            fragments = draw_fragments(graph, len(self._labelspace), self._extraction, rng, *self._walks)
+        return Variant(batch, building, graph.place_positions, parts, fragments)
 
 
 class VariantPool:
     """The variants that are in use at a step: a window over the variants' numbers that moves on with the steps.
 
     Args:
-        maker: makes a variant.
+        maker: makes a variant that asks.
         size: variants of each building in the window.
         refresh_steps: the window moves by one after so many steps.
+        map_maker: makes a variant that is asked; None: the same maker, a pair is two of a kind.
 
     """
 
-    def __init__(self, maker: VariantMaker, size: int, refresh_steps: int) -> None:
-        self._maker, self._size, self._refresh = maker, size, refresh_steps
-        self._kept: dict[tuple[int, int], Variant] = {}
+    def __init__(
+        self, maker: VariantMaker, size: int, refresh_steps: int, map_maker: VariantMaker | None = None
+    ) -> None:
+        self._makers, self._size, self._refresh = (maker, map_maker or maker), size, refresh_steps
+        self._kept: dict[tuple[VariantMaker, int, int], Variant] = {}
 
     def draw(self, building: int, step: int, rng: np.random.Generator) -> tuple[Variant, Variant]:
         """Two different variants of a building from the window at a step."""
         first = step // self._refresh
-        self._kept = {key: variant for key, variant in self._kept.items() if key[1] >= first}
+        self._kept = {key: variant for key, variant in self._kept.items() if key[2] >= first}
         a, b = (first + rng.choice(self._size, 2, replace=False)).tolist()
-        return self._get(building, a), self._get(building, b)
+        return self._get(self._makers[0], building, a), self._get(self._makers[1], building, b)
 
-    def _get(self, building: int, number: int) -> Variant:
-        key = (building, number)
+    def _get(self, maker: VariantMaker, building: int, number: int) -> Variant:
+        key = (maker, building, number)
         if key not in self._kept:
-            self._kept[key] = self._maker.make(*key)
+            self._kept[key] = maker.make(building, number)
         return self._kept[key]
 
 

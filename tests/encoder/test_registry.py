@@ -11,13 +11,13 @@ def test_every_encoder_is_built_from_its_defaults_from_plain_values_and_from_a_s
     assert encoder.name == name
     assert build_encoder(name, encoder.config, 5).config == encoder.config
     assert build_encoder(name, {}, 5).config == encoder.config
-    assert encoder.trainable == (name == "paper")
+    assert encoder.trainable == (name in ("paper", "geodesic_attention"))
     assert encoder.extraction.radius_m > 0
     assert encoder.extraction.visibility_m == (4.0 if name in ("paper", "bag_of_words", "tfidf") else 0.0)
 
 
 def test_names_are_the_agreed_ones() -> None:
-    assert set(ENCODERS) == {"paper", "rings", "bag_of_words", "tfidf", "histogram"}
+    assert set(ENCODERS) == {"paper", "geodesic_attention", "rings", "bag_of_words", "tfidf", "histogram"}
 
 
 def test_an_unknown_name_lists_those_there_are() -> None:

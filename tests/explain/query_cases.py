@@ -57,6 +57,7 @@ def room(classes: list[int], n_classes: int = N_CLASSES) -> Batch:
         nodes_within=(1, hop_one, len(names), len(names)),
         edges_within=(into_root, into_near, len(directed)),
         node_ids=tuple(names),
+        free_space=torch.linspace(1.0, 40.0, 8)[None],  # of the default bands of geodesic attention
     )
 
 
