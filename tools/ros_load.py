@@ -1,0 +1,266 @@
+#!/usr/bin/env python3
+"""Load on the node, with real processes: latency from update to match, drops, memory, explanations on and off.
+
+Run in a shell where ROS 2 and the workspace are sourced:
+    python tools/ros_load.py --map MAP --run RUN [--json FILE] [--memory]
+
+RUN is a bag of updates, best of a graph of about 1,500 places (`semloc bag simulate`). It is sent as deltas; each
+answer's latency is from just before its update was published until it was received, by one clock in one process.
+The core's own latency is measured on the same updates in a process of its own, one after the other.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
+from std_msgs.msg import String
+
+from semloc_core import wire
+from semloc_core.run import read_run
+from semloc_ros import qos
+
+CORE = """
+import json, sys, time
+import torch
+torch.set_num_threads(1)
+from semloc_core.config import LocaliserConfig
+from semloc_core.localiser import Localiser
+from semloc_core.map_database import load
+from semloc_core.run import read_run
+localiser = Localiser(load(sys.argv[1]), LocaliserConfig(explain_rate_hz=0))
+taken = []
+for item in read_run(sys.argv[2]):
+    started = time.perf_counter()
+    localiser.update(item.text)
+    taken.append(1e3 * (time.perf_counter() - started))
+print(json.dumps(taken))
+"""
+
+
+class Load:
+    """A localiser process, a publisher and a subscriber."""
+
+    def __init__(self, map_file: Path, explain_rate_hz: float, explainer: str = "attention") -> None:
+        self.node = rclpy.create_node("load")
+        self.sent: dict[int, float] = {}
+        self.latency: dict[int, float] = {}
+        self.inside: dict[int, float] = {}
+        self.attributions = 0
+        self.values: dict[str, str] = {}
+        self._publisher = self.node.create_publisher(String, "scene_graph", qos.UPDATES)
+        self.node.create_subscription(String, "/localiser/matches", self._on_matches, qos.ANSWERS)
+        self.node.create_subscription(String, "/localiser/attributions", self._on_attributions, qos.ANSWERS)
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.LATEST)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+        self._thread.start()
+        # The module and not `ros2 run`, so that the process that is measured is the node's own.
+        command = [sys.executable, "-m", "semloc_ros.node", "--ros-args", "-p", f"map:={map_file.resolve()}"]
+        command += ["-p", f"explain_rate_hz:={float(explain_rate_hz)}", "-p", f"explainer:={explainer}"]
+        self.process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.DEVNULL)
+        while not (self._publisher.get_subscription_count() and self.node.count_publishers("/localiser/matches")):
+            time.sleep(0.05)
+        time.sleep(2.0)
+
+    def close(self) -> None:
+        """End all, in order."""
+        os.killpg(self.process.pid, signal.SIGINT)
+        self.process.wait(60)
+        self._executor.shutdown()
+        self._thread.join(10)
+        self.node.destroy_node()
+
+    def send(self, seq: int, text: str) -> None:
+        """Publish an update and note when."""
+        self.sent[seq] = time.perf_counter()
+        self._publisher.publish(String(data=text))
+
+    def _on_matches(self, message: String) -> None:
+        now = time.perf_counter()
+        answer = wire.decode(message.data, wire.PlaceMatches)
+        self.latency[answer.seq] = 1e3 * (now - self.sent[answer.seq])
+        assert answer.latency_ms is not None
+        self.inside[answer.seq] = answer.latency_ms
+
+    def _on_attributions(self, _: String) -> None:
+        self.attributions += 1
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name.endswith("localisation"):
+                self.values = {pair.key: pair.value for pair in status.values}
+
+    def settle(self, received: int, patience_s: float = 120.0) -> None:
+        """Wait until the node says that it has received so many updates."""
+        end = time.monotonic() + patience_s
+        while int(self.values.get("updates received", 0)) < received and time.monotonic() < end:
+            time.sleep(0.1)
+
+    def resident_mib(self) -> float:
+        """Resident memory of the node's process (not of the explaining one)."""
+        for line in Path(f"/proc/{self.process.pid}/status").read_text().splitlines():
+            if line.startswith("VmRSS"):
+                return int(line.split()[1]) / 1024
+        raise RuntimeError("expected VmRSS of a running process (got none)")
+
+
+def deltas(run: Path) -> list[wire.SceneGraphUpdate]:
+    """A run's updates, decoded."""
+    return [wire.decode_update(item.text) for item in read_run(run)]
+
+
+def endless(updates: list[wire.SceneGraphUpdate], count: int) -> Any:
+    """So many updates: the run, then to and fro over its query places as deltas that move an object a little."""
+    last = updates[-1]
+    places = list(dict.fromkeys(u.query_place for u in updates if u.query_place))
+    objects = list({o.id: o for u in updates for o in u.objects}.values())
+    gone = {node for u in updates for node in u.removed_nodes}
+    objects = [o for o in objects if o.id not in gone]
+    for i in range(count):
+        if i < len(updates):
+            yield msgspec.structs.replace(updates[i], seq=i)
+            continue
+        item = objects[i % len(objects)]
+        x, y, z = item.position
+        moved = msgspec.structs.replace(item, position=(x + 0.05 * (i % 3), y, z))
+        yield wire.SceneGraphUpdate(
+            schema=last.schema,
+            stamp_ns=last.stamp_ns + (i - len(updates) + 1) * 100_000_000,
+            frame_id=last.frame_id,
+            seq=i,
+            full=False,
+            places=[],
+            objects=[moved],
+            edges=[],
+            query_place=places[i % len(places)],
+        )
+
+
+def steady(
+    map_file: Path, updates: list[wire.SceneGraphUpdate], hz: float, seconds: float, **node: Any
+) -> dict[str, Any]:
+    """Updates at a steady rate for a while: what came of them."""
+    count = round(hz * seconds)
+    texts = [wire.encode(u).decode() for u in endless(updates, count)]
+    load = Load(map_file, **node)
+    try:
+        begin = time.perf_counter()
+        for i, text in enumerate(texts):
+            while (left := begin + i / hz - time.perf_counter()) > 0:
+                time.sleep(min(left, 0.05))
+            load.send(i, text)
+        load.settle(count)
+        latency, inside = np.array(list(load.latency.values())), np.array(list(load.inside.values()))
+        values = load.values
+        return {
+            "rate_hz": hz,
+            "updates": count,
+            "applied": int(values["updates applied"]),
+            "answers": len(latency),
+            "attributions": load.attributions,
+            "p50_ms": float(np.percentile(latency, 50)),
+            "p99_ms": float(np.percentile(latency, 99)),
+            "inside_p50_ms": float(np.percentile(inside, 50)),
+            "inside_p99_ms": float(np.percentile(inside, 99)),
+            "resident_mib": load.resident_mib(),
+        }
+    finally:
+        load.close()
+
+
+def memory(map_file: Path, updates: list[wire.SceneGraphUpdate], total: int) -> dict[str, Any]:
+    """Resident memory after 1,000 updates and after many more, as fast as the node takes them."""
+    load, early = Load(map_file, 5.0), 0.0
+    try:
+        begin = time.perf_counter()
+        for i, update in enumerate(endless(updates, total)):
+            load.send(i, wire.encode(update).decode())
+            if i % 200 == 199:
+                load.sent = {k: v for k, v in load.sent.items() if k > i - 5000}
+                load.latency.clear(), load.inside.clear()
+                while i - int(load.values.get("updates received", 0)) > 900:  # the middleware keeps 1,000
+                    time.sleep(0.02)
+            if i == 999:
+                load.settle(1000)
+                early = load.resident_mib()
+        load.settle(total)
+        seconds = time.perf_counter() - begin
+        return {
+            "updates": total,
+            "applied": int(load.values["updates applied"]),
+            "resident_mib_1000": early,
+            "resident_mib": load.resident_mib(),
+            "updates_per_s": total / seconds,
+        }
+    finally:
+        load.close()
+
+
+def show(row: dict[str, Any]) -> None:
+    """One row on screen as soon as it is there."""
+    sys.stdout.write(json.dumps({k: round(v, 2) if isinstance(v, float) else v for k, v in row.items()}) + "\n")
+    sys.stdout.flush()
+
+
+def main() -> None:
+    """Measure, print, and write the figures as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--map", type=Path, required=True)
+    parser.add_argument("--run", type=Path, required=True)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--rates", type=float, nargs="*", default=[20.0, 40.0, 80.0], help="tried after 10 Hz")
+    parser.add_argument("--memory", type=int, default=0, metavar="UPDATES", help="also measure memory over so many")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    rclpy.init()
+    updates = deltas(options.run)
+    core = subprocess.run(
+        [sys.executable, "-c", CORE, str(options.map), str(options.run)], capture_output=True, check=True, text=True
+    )
+    taken = np.array(json.loads(core.stdout))
+    rows: list[dict[str, Any]] = [
+        {
+            "method": "core",
+            "scope": "all",
+            "p50_ms": float(np.percentile(taken, 50)),
+            "p99_ms": float(np.percentile(taken, 99)),
+        }
+    ]
+    show(rows[-1])
+    for scope, node in (
+        ("explanations off", {"explain_rate_hz": 0.0}),
+        ("attention 5 Hz", {"explain_rate_hz": 5.0}),
+        ("class_shapley 5 Hz", {"explain_rate_hz": 5.0, "explainer": "class_shapley"}),
+    ):
+        rows.append({"method": "node", "scope": scope} | steady(options.map, updates, 10.0, options.seconds, **node))
+        show(rows[-1])
+    for rate in options.rates:
+        row = steady(options.map, updates, rate, options.seconds, explain_rate_hz=5.0)
+        rows.append({"method": "node", "scope": f"{rate:g} Hz"} | row)
+        show(rows[-1])
+    if options.memory:
+        rows.append({"method": "node", "scope": "memory"} | memory(options.map, updates, options.memory))
+        show(rows[-1])
+    rclpy.try_shutdown()
+    if options.json:
+        document = {"command": "ros_load", "seed": 0, "inputs": [options.map.name, options.run.name], "rows": rows}
+        options.json.write_text(json.dumps(document, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
