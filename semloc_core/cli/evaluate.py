@@ -92,6 +92,13 @@ def online(
     place_noise_m: Annotated[
         float, typer.Option(min=0.0, help="Standard deviation of a place's position, m per axis.")
     ] = 0.0,
+    filtered: Annotated[bool, typer.Option("--filter/--no-filter", help="With the filter over places too.")] = True,
+    kidnapped: Annotated[
+        bool, typer.Option("--kidnapped", help="Metres until right again, after being carried away.")
+    ] = False,
+    foreign: Annotated[
+        bool, typer.Option("--foreign", help="Answers accepted in a building that is left out of the database.")
+    ] = False,
     bound: Annotated[bool, typer.Option(help="Count the places that agree with all that was seen.")] = True,
     seed: Seed = 0,
     json_file: Json = None,
@@ -115,6 +122,9 @@ def online(
             models=[Model.load(m) for m in model or []],
             config=config,
             walks=walks,
+            filtered=filtered,
+            kidnapped=kidnapped,
+            foreign=foreign,
             bound=bound,
             seed=seed,
             progress=bar,

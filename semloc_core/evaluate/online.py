@@ -7,39 +7,37 @@ right in the same building and within 4 m, as in `semloc_core.evaluate.relocalis
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.evaluate import metrics
 from semloc_core.evaluate.agreement import Agreement
-from semloc_core.evaluate.fragments import answered, embed_walk, surroundings_along
+from semloc_core.evaluate.fragments import embed_walk, surroundings_along
+from semloc_core.evaluate.online_answers import (
+    Bools,
+    OnlineWalk,
+    believed,
+    make_walks,
+    read_maps,
+    steps_at,
+    verdict,
+)
+from semloc_core.evaluate.online_hard import judge_foreign, judge_kidnapped
 from semloc_core.evaluate.relocalise import Arena, fitted, make_arena, read_buildings
 from semloc_core.evaluate.rows import Progress, Row, no_progress
-from semloc_core.evaluate.walks import Walk, WalkConfig, walk
+from semloc_core.evaluate.walks import WalkConfig
 from semloc_core.graph_arrays import Ints
 from semloc_core.labelspace import union
 from semloc_core.model import Model, embed_graph
-from semloc_core.sequence import FilterConfig, MapModel, PlaceFilter, map_model
+from semloc_core.sequence import FilterConfig, MapModel, PlaceFilter
 
 ENCODERS = ("bag_of_words", "rings")
 SCOPES_M = (0.0, 5.0, 10.0, 20.0, 40.0)
 """Metres walked at which an answer is judged: the first one from there on."""
-
-Bools = NDArray[np.bool_]
-Similarities = NDArray[np.float32]
-
-
-@dataclass(frozen=True, eq=False)
-class OnlineWalk:
-    """A walk, and the building (an index) that it is in."""
-
-    building: int
-    walk: Walk
 
 
 def evaluate_online(
@@ -51,6 +49,8 @@ def evaluate_online(
     walks: int = 10,
     scopes_m: Sequence[float] = SCOPES_M,
     filtered: bool = True,
+    kidnapped: bool = False,
+    foreign: bool = False,
     bound: bool = True,
     radius_m: float = MATCH_RADIUS_M,
     seed: int = 0,
@@ -68,6 +68,8 @@ def evaluate_online(
             equally likely to start at any place of any building.
         scopes_m: metres walked at which answers are judged.
         filtered: judge each method with the filter over places (`semloc_core.sequence`) too.
+        kidnapped: judge also how soon a robot is right again that was carried away (`judge_kidnapped`).
+        foreign: judge also how many answers are accepted in a building that no map has (`judge_foreign`).
         bound: judge `semloc_core.evaluate.agreement` too.
         radius_m: how near is right.
         seed: of walks and bootstrap.
@@ -92,18 +94,26 @@ def evaluate_online(
     rows: list[Row] = []
     paths = make_walks(arena, config, walks, seed)
     places = read_maps(arena, radius_m) if filtered else None
+
+    def judge(name: str, model: Model, its: Arena, paths: Sequence[OnlineWalk], places: MapModel | None) -> None:
+        rows.extend(judge_online(name, model, its, paths, scopes_m, radius_m, seed, places))
+        if kidnapped:
+            rows.extend(judge_kidnapped(name, model, its, paths, radius_m, places))
+        if foreign:
+            rows.extend(judge_foreign(name, model, its, paths, scopes_m, radius_m, places))
+
     for done, name in enumerate(encoders):
         progress(done, total, name)
-        rows += judge_online(name, fitted(name, arena), arena, paths, scopes_m, radius_m, seed, places)
+        judge(name, fitted(name, arena), arena, paths, places)
     for done, model in enumerate(models, len(encoders)):
         name = f"{model.encoder.name} {model.hash[:8]}"
         progress(done, total, name)
-        own, its, places_of_own = arena, paths, places
-        if model.labelspace.hash != labelspace.hash:
+        if model.labelspace.hash == labelspace.hash:
+            judge(name, model, arena, paths, places)
+        else:
             own = make_arena(buildings, model.labelspace)
-            its = make_walks(own, config, walks, seed)
-            places_of_own = read_maps(own, radius_m) if filtered else None
-        rows += judge_online(name, model, own, its, scopes_m, radius_m, seed, places_of_own)
+            own_walks = make_walks(own, config, walks, seed)
+            judge(name, model, own, own_walks, read_maps(own, radius_m) if filtered else None)
     if bound:
         progress(total - 1, total, "agreement")
         agreement = Agreement(arena.maps, len(arena.labelspace))
@@ -113,23 +123,6 @@ def evaluate_online(
             rows += judge_agreement(name, agreement, arena, paths, scopes_m, config.range_m, radius_m, seed)
     progress(total, total, "done")
     return rows
-
-
-def make_walks(arena: Arena, config: WalkConfig, walks: int, seed: int) -> list[OnlineWalk]:
-    """Walks through all buildings of an arena; the same ones whatever its labelspace."""
-    places = np.array([query.n_places for query in arena.queries])
-    number = np.maximum(1, np.rint(walks * len(places) * places / places.sum())).astype(np.int64)
-    return [
-        OnlineWalk(building, walk(arena.queries[building], config, np.random.default_rng([seed, building, i])))
-        for building in range(len(places))
-        for i in range(int(number[building]))
-    ]
-
-
-def read_maps(arena: Arena, radius_m: float) -> MapModel:
-    """What the filter needs of an arena's maps."""
-    graphs = [graph.to_scene_graph(arena.labelspace) for graph in arena.maps]
-    return map_model(graphs, arena.labelspace, radius_m=radius_m)
 
 
 def judge_online(
@@ -165,27 +158,6 @@ def judge_online(
     for (filter_, home), right in verdicts.items():
         rows += _rows({"method": method, "filter": filter_, "home": home}, right, paths, scopes_m, seed)
     return rows
-
-
-def believed(filter_: PlaceFilter, walk: Walk, evidence: Similarities, at: Ints) -> Ints:
-    """(K, 10) the filter's answers at K steps of a walk, -1 where it has no more.
-
-    Args:
-        filter_: goes on from what it believes.
-        walk: T steps; the displacement from place to place, as perceived, stands for odometry.
-        evidence: (T, M), of `MapModel.evidence`.
-        at: (K,) steps.
-
-    """
-    moves = np.diff(walk.graph.place_positions[walk.places], axis=0)
-    walked = np.concatenate([[0.0], np.linalg.norm(moves, axis=1)])
-    answers = np.full((len(at), max(metrics.RANKS)), -1, dtype=np.int64)
-    for step in range(walk.steps):
-        filter_.update(evidence[step], float(walked[step]))
-        for row in np.flatnonzero(at == step):
-            found, _ = filter_.ranking(answers.shape[1])
-            answers[row, : len(found)] = found
-    return answers
 
 
 def judge_agreement(
@@ -230,31 +202,6 @@ def judge_agreement(
             }
         )
     return rows
-
-
-def steps_at(walk: Walk, scopes_m: Sequence[float]) -> Ints:
-    """The first step at each distance or beyond; the last one where the walk ends (by a rounding) before."""
-    return np.minimum(np.searchsorted(walk.metres, scopes_m), walk.steps - 1).astype(np.int64)
-
-
-def verdict(arena: Arena, path: OnlineWalk, at: Ints, best: Ints, radius_m: float) -> Bools:
-    """(K, 10) whether each answer is right, at K steps.
-
-    Args:
-        arena: its maps are the database of M places.
-        path: the walk.
-        at: (K,) steps.
-        best: (K, 10) rows of the database, best first; -1 is no answer, and none is given where the robot's place
-            has no neighbour.
-        radius_m: how near is right.
-
-    """
-    asked = path.walk.at(at)
-    away = np.linalg.norm(arena.positions[best] - asked.truth()[:, None], axis=2)
-    right: Bools = (away <= radius_m) & (arena.building[best] == path.building) & (best >= 0)
-    right &= answered(asked)[:, None]
-    missing = max(metrics.RANKS) - right.shape[1]
-    return np.pad(right, ((0, 0), (0, missing)))
 
 
 def _rows(keys: Row, right: Bools, paths: Sequence[OnlineWalk], scopes_m: Sequence[float], seed: int) -> list[Row]:

@@ -11,7 +11,9 @@ from semloc_core.encoder import build_encoder
 from semloc_core.errors import GraphError
 from semloc_core.evaluate.agreement import Agreement
 from semloc_core.evaluate.fragments import answered, embed_walk, surroundings_along
-from semloc_core.evaluate.online import evaluate_online, read_maps, steps_at
+from semloc_core.evaluate.online import evaluate_online
+from semloc_core.evaluate.online_answers import read_maps, steps_at
+from semloc_core.evaluate.online_hard import accepted_share
 from semloc_core.evaluate.relocalise import Arena
 from semloc_core.evaluate.rows import Row
 from semloc_core.evaluate.walks import Walk, WalkConfig, walk
@@ -246,6 +248,30 @@ def test_walks_are_by_number_of_places_and_a_model_of_fewer_classes_walks_the_sa
     assert methods == {"rings", f"rings {given.hash[:8]}"}
     assert {row["queries"] for row in rows} == {rows[0]["queries"]}
     assert 7 <= int(rows[0]["queries"] or 0) <= 11
+
+
+def test_a_carried_robot_is_right_again_and_a_foreign_building_can_be_told(root: Path) -> None:
+    rows = evaluate_online(
+        root, encoders=("rings",), walks=3, scopes_m=(0.0, 40.0), kidnapped=True, foreign=True, bound=False
+    )
+    by = {(row["filter"], row["scope"]): row for row in rows if row["home"] == "any"}
+    for name in ("none", "bayes"):
+        carried = by[name, "kidnapped"]
+        assert carried["recovered"] == 1.0
+        assert 0 <= float(carried["metres_until_right"] or 0) <= float(carried["metres_until_right_p90"] or 0) < 40
+        for scope in ("0m", "40m"):
+            accepted = by[name, f"foreign {scope}"]["foreign_accepted"]
+            assert accepted is not None
+            assert 0 <= float(accepted) <= 1
+    assert float(by["bayes", "foreign 40m"]["foreign_accepted"] or 0) < 1
+
+
+def test_the_threshold_keeps_nine_of_ten_right_answers() -> None:
+    home = np.arange(20.0)
+    right = home >= 10
+    figures = accepted_share(home, np.array([0.0, 10.5, 11.0, 30.0]), right)
+    assert figures == {"foreign_accepted": 0.75, "wrong_accepted": 0.0}
+    assert accepted_share(home, home, home < 0)["foreign_accepted"] is None
 
 
 @pytest.mark.data
