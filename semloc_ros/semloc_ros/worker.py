@@ -171,7 +171,8 @@ class Worker:
             self._stopped = True
             self._changed.notify_all()
         self._thread.join()
-        for item in self._inbox:
+        while self._inbox:
+            item = self._inbox.popleft()
             if isinstance(item, _Task):
                 item.future.set_exception(SemlocError("expected a running localiser (got one that was stopped)"))
 
