@@ -11,6 +11,7 @@ from semloc_core.cli.common import (
     Json,
     LabelspaceOption,
     Seed,
+    building_name,
     console,
     pick_labelspace,
     progress,
@@ -21,31 +22,48 @@ from semloc_core.cli.common import (
 
 def introspect(
     graph: Annotated[Path, typer.Argument(metavar="GRAPH", help="The scene graph.")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="HTML", help="Write the study as one page.")
+    ] = None,
     labelspace: LabelspaceOption = None,
-    runs: Annotated[int, typer.Option("--runs", min=1, help="Trainings, with seeds from --seed on.")] = 3,
+    seeds: Annotated[int, typer.Option("--seeds", min=1, help="Trainings, with seeds from --seed on.")] = 3,
     methods: Annotated[
         str | None, typer.Option("--methods", metavar="NAME,…", help="Explainers, by comma; default: all.")
     ] = None,
+    places: Annotated[
+        int | None, typer.Option("--places", min=1, help="Explain so many places, drawn at random; default: all.")
+    ] = None,
+    steps: Annotated[int | None, typer.Option("--steps", min=1, help="Training steps; default as in training.")] = None,
     seed: Seed = 0,
     json_file: Json = None,
 ) -> None:
     """Train, explain every place, remove every class: which classes matter, by whom, and who can be trusted."""
     from semloc_core.evaluate.introspect import introspect as study
-    from semloc_core.evaluate.introspect import ranking_rows
+    from semloc_core.evaluate.introspect_rows import ranking_rows
     from semloc_core.evaluate.table import document, print_table
     from semloc_core.explain.explainers import EXPLAINERS, check_methods
     from semloc_core.graph_arrays import GraphArrays
     from semloc_core.labelspace import count_unknown
+    from semloc_core.training.config import TrainConfig
 
     chosen = list(EXPLAINERS) if methods is None else [name.strip() for name in methods.split(",")]
     check_methods(chosen)
+    config = TrainConfig() if steps is None else TrainConfig(steps=steps)
     given = pick_labelspace(labelspace)
     read = read_graph(graph, given)
     space = given or read.labelspace
     report_unknown_classes(count_unknown(read.graph, space), str(graph))
-    arrays = GraphArrays.from_scene_graph(read.graph, space, graph.stem)
+    arrays = GraphArrays.from_scene_graph(read.graph, space, building_name(graph))
     with progress("introspecting") as bar:
-        found = study(arrays, space, seeds=range(seed, seed + runs), methods=chosen, progress=bar)
+        found = study(
+            arrays,
+            space,
+            seeds=range(seed, seed + seeds),
+            config=config,
+            methods=chosen,
+            n_places=places,
+            progress=bar,
+        )
     table = ranking_rows(found.runs, chosen)
     print_table(table, title="classes by falling importance (Table IV)", console=console)
     at_budget = [row for row in found.rows if row.get("budget") == 0.3]
@@ -57,3 +75,9 @@ def introspect(
     )
     if json_file is not None:
         json_file.write_bytes(document("introspect", seed, [str(graph)], [*table, *found.rows]))
+    if output is not None:
+        from semloc_core.report.introspection_report import introspection_page
+
+        text = introspection_page(found, arrays.name)
+        output.write_text(text, encoding="utf-8", newline="\n")
+        console.print(f"{output}: {len(text.encode()) / 1e3:.0f} kB")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -31,15 +32,23 @@ class MapIntrospection:
 
     Args:
         places: (Q,) indices of the places that were explained: those that see an object.
-        importance: explainer -> (O,) float64: mean over the places of an object's share of the importance, as
-            magnitudes that sum to 1 at each place; zero where an object is out of reach.
+        seen: (Q, O) which objects are in reach of each.
+        shares: explainer -> (Q, O) float32: an object's share of the importance, as magnitudes that sum to 1 at each
+            place; zero where an object is out of reach.
         fidelity: explainer or control -> mean curves; empty where no fidelity was asked for.
 
     """
 
     places: NDArray[np.int64]
-    importance: Mapping[str, Floats]
+    seen: NDArray[np.bool_]
+    shares: Mapping[str, NDArray[np.float32]]
     fidelity: Mapping[str, FidelityCurve]
+
+    @cached_property
+    def importance(self) -> Mapping[str, Floats]:
+        """Explainer -> (O,) float64: mean share over the places, zero where there is none."""
+        places = max(1, len(self.places))
+        return {method: of.sum(0, dtype=np.float64) / places for method, of in self.shares.items()}
 
 
 def introspect_map(
@@ -76,9 +85,10 @@ def introspect_map(
     batches = PlaceBatches(query, len(labelspace), model.encoder.extraction)
     number = {id_: i for i, id_ in enumerate(query.object_ids)}
     wanted = range(query.n_places) if places is None else places
-    total = {method: np.zeros(query.n_objects) for method in methods}
+    seen = np.zeros((len(wanted), query.n_objects), dtype=np.bool_)
+    laid_out = {method: np.zeros((len(wanted), query.n_objects), dtype=np.float32) for method in methods}
     curves: dict[str, list[FidelityCurve]] = {}
-    explained = []
+    explained: list[int] = []
     for done, place in enumerate(wanted):
         progress(done, len(wanted), words)
         batch = batches.of(place)
@@ -91,10 +101,11 @@ def introspect_map(
         said: dict[str, ObjectScores] = {
             method: explain(question, method, np.random.default_rng([seed, place])) for method in methods
         }
-        explained.append(place)
         objects = [number[id_] for id_ in question.ids]
+        seen[len(explained), objects] = True
         for method, scores in said.items():
-            total[method][objects] += shares(scores.scores)
+            laid_out[method][len(explained), objects] = shares(scores.scores)
+        explained.append(place)
         if with_fidelity:
             for control in CONTROLS:
                 said[control] = explain(question, control, np.random.default_rng([seed, place]))
@@ -106,7 +117,8 @@ def introspect_map(
     progress(len(wanted), len(wanted), words)
     return MapIntrospection(
         places=np.array(explained, dtype=np.int64),
-        importance={method: values / max(1, len(explained)) for method, values in total.items()},
+        seen=seen[: len(explained)],
+        shares={method: values[: len(explained)] for method, values in laid_out.items()},
         fidelity={name: mean_curve(name, of_places) for name, of_places in curves.items()},
     )
 

@@ -1,0 +1,94 @@
+"""The page on a study of explanations: which classes matter, who says so, and who can be trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from semloc_core import __version__
+from semloc_core.config import MATCH_RADIUS_M
+from semloc_core.evaluate.introspect import Introspection
+from semloc_core.evaluate.introspect_run import ABLATION
+from semloc_core.evaluate.introspect_views import matrices, typical_query
+from semloc_core.report import introspection_sections as sections
+from semloc_core.report.page import Fact, Section, page
+
+INTRODUCTION = (
+    "A localiser tells a robot where it is by comparing the objects around it (a couch, a plant, …) with those around "
+    "every place of a map made before. It is a trained network, and a network can be right for bad reasons. This "
+    "page asks "
+    "it why: which objects and which classes of objects its answers rest on.",
+    "Two ways lead to an answer. One takes all objects of a class away and looks at what becomes of localisation "
+    "(ablation). The other asks explainers, methods that give every object a score for one answer; they can be "
+    "wrong too, "
+    "so they are tested against controls and against each other. Each training is repeated: what differs between "
+    "runs is "
+    "chance, not knowledge.",
+)
+TERMS = (
+    ("Place", "A patch of free floor: a node of the scene graph. Neighbouring places are joined where one can walk."),
+    ("Similarity", "How alike two places are to the network: the cosine of their embeddings, at most 1."),
+    ("PR-AUC", "Area under the precision–recall curve over all pairs of query and map place; 1 is perfect."),
+    ("Right", f"A map place within {MATCH_RADIUS_M:g} m of where the query truly is."),
+    (
+        "Importance",
+        "An object's part of an explainer's scores (magnitudes that sum to 1 at a place), mean over places.",
+    ),
+    (
+        "Necessity Δ⁺, sufficiency Δ⁻",
+        "Change of the similarity when the objects ranked first are removed, or all others.",
+    ),
+    ("Characterisation score", "Harmonic mean of Δ⁺ and 1 - Δ⁻, on similarity scaled to 0…1; high is good."),
+    (
+        "Kendall's W",
+        "Agreement of several rankings: 1 where all are the same, about 0 where they have nothing in common.",
+    ),
+    ("Spearman's ρ", "Rank correlation of two lists, -1 to 1; in brackets its 95 % interval."),
+)
+
+
+def introspection_page(found: Introspection, name: str, extra: Sequence[Section] = ()) -> str:
+    """The page as HTML text: the same bytes for the same study.
+
+    Args:
+        found: the study.
+        name: what to call the graph.
+        extra: further sections, put before the pictures of places.
+
+    """
+    runs, methods = found.runs, list(found.methods)
+    first = runs[0]
+    of_places = matrices(first)
+    listed = [
+        sections.rankings(runs, methods),
+        sections.importance(first, methods),
+        *([sections.shift(runs, "attention" if "attention" in methods else methods[0])] if methods else []),
+        sections.fidelity(runs),
+        sections.agreement(runs, methods),
+        sections.frequency(runs, methods),
+        *extra,
+        sections.plan(first, typical_query(first)),
+        sections.place_query_matrices(of_places),
+    ]
+    model = first.model
+    return page(
+        title=f"Why the localiser says so: {name}",
+        introduction=INTRODUCTION,
+        facts=[
+            Fact(f"{len(runs)}", "trainings"),
+            Fact(f"{first.query.n_places:,}", "places"),
+            Fact(f"{first.query.n_objects:,}", f"objects of {len(first.frequency)} classes"),
+            Fact(f"{len(first.introspection.places):,}", "places explained a run"),
+            Fact(f"{of_places.pr_auc[model.encoder.name]:.2f}", "PR-AUC on held-out places, first run"),
+            Fact(first.ranking(ABLATION)[0], "costs most when removed, first run"),
+        ],
+        sections=listed,
+        terms=TERMS,
+        provenance=(
+            ("Graph", f"{name}: {first.query.n_places} places, {first.query.n_objects} objects"),
+            ("Models", "; ".join(f"seed {run.seed}: {run.model.hash}" for run in runs)),
+            ("Encoder", model.encoder.name),
+            ("Labelspace", f"{model.labelspace.name}: {len(model.labelspace)} classes, {model.labelspace.hash}"),
+            ("Explainers", ", ".join(methods)),
+            ("Software", f"semloc {__version__}"),
+        ),
+    )
