@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
+from semloc_core.encoder.base import Extraction
 from semloc_core.evaluate.walks import Walk
 from semloc_core.geodesic import many_balls
 from semloc_core.graph_arrays import Ints
@@ -12,13 +16,15 @@ from semloc_core.model import Model, embed_batch
 from semloc_core.observation import REACH_M, RING_CENTRES_M, Surroundings, ring_shares
 from semloc_core.place_graph import Batch, extract_all
 from semloc_core.place_graph.batch import batch_of_arrays
+from semloc_core.place_graph.free_space import Bands, free_space, place_cells
 
 
 def embed_walk(model: Model, walk: Walk) -> NDArray[np.float32]:
     """(T, D) embeddings of the robot's place at each step, as `semloc_core.localiser.Localiser` would have them."""
     extraction = model.encoder.extraction
     if extraction.kind == "reach":
-        return embed_batch(model, stars_along(walk, model.encoder.n_classes, extraction.radius_m))
+        stars = stars_along(walk, model.encoder.n_classes, extraction.radius_m)
+        return embed_batch(model, _with_free_space(stars, walk, extraction) if extraction.bands else stars)
     rows = []
     for step in range(walk.steps):
         part, place = walk.part(step)
@@ -35,13 +41,14 @@ def answered(walk: Walk) -> NDArray[np.bool_]:
     return found
 
 
-def stars_along(walk: Walk, n_classes: int, radius_m: float) -> Batch:
+def stars_along(walk: Walk, n_classes: int, radius_m: float, bands: Bands = ()) -> Batch:
     """The stars (`semloc_core.place_graph.reach_batch`) of the robot's place at each step, in the graph so far.
 
     Args:
         walk: T steps.
         n_classes: C.
         radius_m: how far to look, metres, inclusive.
+        bands: as in `semloc_core.place_graph.reach_batch`.
 
     """
     graph = walk.graph
@@ -53,7 +60,7 @@ def stars_along(walk: Walk, n_classes: int, radius_m: float) -> Batch:
     metres = np.concatenate([d for _, d in found])
     t, m = walk.steps, len(objects)
     root = np.repeat(np.arange(t), counts)
-    return batch_of_arrays(
+    batch = batch_of_arrays(
         classes=np.concatenate([np.full(t, -1, dtype=np.int64), graph.object_classes[objects]]),
         n_classes=n_classes,
         is_object=np.arange(t + m) >= t,
@@ -64,6 +71,10 @@ def stars_along(walk: Walk, n_classes: int, radius_m: float) -> Batch:
         edges_within=[m],
         node_ids=[graph.place_ids[i] for i in walk.places.tolist()] + [graph.object_ids[i] for i in objects.tolist()],
     )
+    if bands:
+        space = np.stack([_space(walk, step, lengths, radius_m, bands) for step in range(t)])
+        batch = replace(batch, free_space=torch.from_numpy(space))
+    return batch
 
 
 def surroundings_along(walk: Walk, n_classes: int) -> Surroundings:
@@ -78,6 +89,18 @@ def surroundings_along(walk: Walk, n_classes: int) -> Surroundings:
     for step in range(walk.steps):
         places[step] = ring_shares(_reached(walk, step, lengths, REACH_M)[1]).sum(axis=0)
     return Surroundings(objects, places)
+
+
+def _with_free_space(stars: Batch, walk: Walk, extraction: Extraction) -> Batch:
+    """The same stars, with the free space known at each step (`semloc_core.place_graph.free_space`)."""
+    edges, lengths = walk.graph.place_edges, walk.graph.edge_lengths()
+    rows = []
+    for step in range(walk.steps):
+        known = walk.seen_places[step][edges].all(axis=0)
+        cells = place_cells(walk.graph.n_places, edges[:, known], lengths[known])
+        at, far = _reached(walk, step, lengths, extraction.radius_m)
+        rows.append(free_space(far, cells[at], extraction.bands))
+    return replace(stars, free_space=torch.from_numpy(np.stack(rows)))
 
 
 _NONE = np.zeros(0, dtype=np.int64)
@@ -106,3 +129,12 @@ def _reached(walk: Walk, step: int, lengths: NDArray[np.float64], radius_m: floa
     known = places[edges].all(axis=0)
     here = walk.places[step : step + 1]
     return many_balls(walk.graph.n_places, edges[:, known], lengths[known], here, radius_m)[1:]
+
+
+def _space(walk: Walk, step: int, lengths: NDArray[np.float64], radius_m: float, bands: Bands) -> NDArray[np.float32]:
+    """(R,) known free space around the robot's place at a step."""
+    edges, places = walk.graph.place_edges, walk.seen_places[step]
+    known = places[edges].all(axis=0)
+    cells = place_cells(walk.graph.n_places, edges[:, known], lengths[known])
+    at, metres = _reached(walk, step, lengths, radius_m)
+    return free_space(metres, cells[at], bands)

@@ -54,7 +54,7 @@ def stream(walk: Walk, labelspace: Labelspace) -> Iterator[SceneGraphUpdate]:
         known_places, known_objects = places, objects
 
 
-@pytest.mark.parametrize("name", ["rings", "bag_of_words", "paper"])
+@pytest.mark.parametrize("name", ["rings", "bag_of_words", "paper", "geodesic_attention"])
 def test_a_walk_in_arrays_is_answered_as_its_stream_is(
     name: str, small_worlds: list[World], small_arrays: GraphArrays
 ) -> None:
