@@ -58,9 +58,7 @@ class LabelspaceRecord(msgspec.Struct, frozen=True):
 
     def labelspace(self) -> Labelspace:
         """The labelspace of a record."""
-        return Labelspace(
-            self.name, self.classes, self.ids, self.mobility, self.synonyms, self.default_mobility
-        )
+        return Labelspace(self.name, self.classes, self.ids, self.mobility, self.synonyms, self.default_mobility)
 
 
 class Header(msgspec.Struct, frozen=True):
@@ -113,9 +111,7 @@ def pack(header: Header, tensors: Mapping[str, Array]) -> bytes:
         _add(archive, HEADER, text)
         for name in sorted(tensors):
             member = io.BytesIO()
-            np.lib.format.write_array(
-                member, np.asarray(tensors[name], order="C"), (1, 0), allow_pickle=False
-            )
+            np.lib.format.write_array(member, np.asarray(tensors[name], order="C"), (1, 0), allow_pickle=False)
             _add(archive, f"{name}.npy", member.getvalue())
     return buffer.getvalue()
 

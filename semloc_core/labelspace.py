@@ -169,9 +169,7 @@ def load_synonyms(path: str | Path) -> dict[str, str]:
     return read_synonyms_file(path)
 
 
-def labelspace_from_hydra(
-    name: str, names: Iterable[tuple[int, str]] | None, labels: Iterable[int]
-) -> Labelspace:
+def labelspace_from_hydra(name: str, names: Iterable[tuple[int, str]] | None, labels: Iterable[int]) -> Labelspace:
     """The labelspace that a Hydra file brings along.
 
     Args:
@@ -217,9 +215,7 @@ def union(spaces: Sequence[Labelspace], name: str = "union") -> Labelspace:
     synonyms: dict[str, str] = {}
     for other in sorted(targets):
         if len(targets[other]) > 1 or targets[other] & targets.keys():
-            raise LabelspaceError(
-                f"expected a synonym of one class (got {other!r} for {sorted(targets[other])})"
-            )
+            raise LabelspaceError(f"expected a synonym of one class (got {other!r} for {sorted(targets[other])})")
         (synonyms[other],) = targets[other]
 
     classes = dict.fromkeys(synonyms.get(c, c) for space in spaces for c in space.classes)
@@ -240,9 +236,7 @@ def union(spaces: Sequence[Labelspace], name: str = "union") -> Labelspace:
         for class_name, metres in space.mobility.items():
             target = synonyms.get(class_name, class_name)
             mobility[target] = max(metres, mobility.get(target, 0.0))
-    return Labelspace(
-        name, tuple(classes), ids, mobility, synonyms, max(space.default_mobility for space in spaces)
-    )
+    return Labelspace(name, tuple(classes), ids, mobility, synonyms, max(space.default_mobility for space in spaces))
 
 
 def count_unknown(graph: SceneGraph, labelspace: Labelspace) -> dict[str, int]:

@@ -34,9 +34,7 @@ def check_update(update: SceneGraphUpdate) -> None:
     """
     places = {place.id for place in update.places}
     objects = {thing.id for thing in update.objects}
-    if len(places) + len(objects) < len(update.places) + len(update.objects) or not places.isdisjoint(
-        objects
-    ):
+    if len(places) + len(objects) < len(update.places) + len(update.objects) or not places.isdisjoint(objects):
         _check_unique("node id", [p.id for p in update.places] + [o.id for o in update.objects])
     _check_edges(update, places, objects)
     _check_sightings(update, places, objects)
@@ -71,9 +69,7 @@ def _check_sightings(update: SceneGraphUpdate, places: set[str], objects: set[st
             raise MessageError(f"expected a sighting [place, object] (got a self-loop of {place!r})")
         wrong = place in objects or seen in places
         if wrong or (update.full and not (place in places and seen in objects)):
-            raise MessageError(
-                f"expected a sighting [place, object] of known nodes (got [{place!r}, {seen!r}])"
-            )
+            raise MessageError(f"expected a sighting [place, object] of known nodes (got [{place!r}, {seen!r}])")
 
 
 def check_matches(message: PlaceMatches) -> None:

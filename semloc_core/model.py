@@ -182,9 +182,7 @@ def embed_graph(model: Model, arrays: GraphArrays) -> NDArray[np.float32]:
     if extraction.kind == "ego":
         return embed_batch(model, place_graph.extract_all(arrays, n_classes, extraction))
     parts = [
-        embed_batch(
-            model, place_graph.reach_all_batch(arrays, n_classes, extraction.radius_m, roots, extraction.bands)
-        )
+        embed_batch(model, place_graph.reach_all_batch(arrays, n_classes, extraction.radius_m, roots, extraction.bands))
         for roots in np.split(np.arange(arrays.n_places), range(ROOTS_AT_ONCE, arrays.n_places, ROOTS_AT_ONCE))
     ]
     return np.concatenate(parts)

@@ -112,9 +112,7 @@ def read_run(
     latest, found = -1, False
 
     def due() -> Iterator[RunItem]:
-        while waiting and (
-            waiting[0].stamp_ns in truths or latest > waiting[0].stamp_ns or len(waiting) > _WAITING
-        ):
+        while waiting and (waiting[0].stamp_ns in truths or latest > waiting[0].stamp_ns or len(waiting) > _WAITING):
             item = waiting.popleft()
             yield item._replace(truth=truths.pop(item.stamp_ns, None))
 
@@ -169,7 +167,5 @@ def graph_at_end(path: str | Path, *, topic: str = SCENE_GRAPH_TOPIC) -> SceneGr
         graph = stream.graph or graph
     if graph is None:
         topics = ", ".join(sorted(reader.types)) or "nothing"
-        raise BagError(
-            f"expected a full scene-graph update on {topic} in {path} (got none; topics: {topics})"
-        )
+        raise BagError(f"expected a full scene-graph update on {topic} in {path} (got none; topics: {topics})")
     return graph

@@ -12,9 +12,7 @@ from semloc_core.wire import Object, Place, SceneGraphUpdate
 MAX_COORDINATE_M = 1e9  # beyond it a length would not be a number that means anything
 
 
-def check_update(
-    update: SceneGraphUpdate, known_places: Container[str], known_objects: Container[str]
-) -> None:
+def check_update(update: SceneGraphUpdate, known_places: Container[str], known_objects: Container[str]) -> None:
     """Refuse an update that does not fit the graph; costs the update's size.
 
     Args:
@@ -59,26 +57,20 @@ def check_update(
     _check_links(update, is_place, is_object)
 
 
-def _check_links(
-    update: SceneGraphUpdate, is_place: Callable[[str], bool], is_object: Callable[[str], bool]
-) -> None:
+def _check_links(update: SceneGraphUpdate, is_place: Callable[[str], bool], is_object: Callable[[str], bool]) -> None:
     for a, b in update.edges:
         if a == b:
             raise GraphError(f"expected an edge between two nodes (got a self-loop of {a!r})")
         if not (is_place(a) or is_place(b)):
             if is_object(a) and is_object(b):
                 raise GraphError(f"expected an edge to have a place at one end (got objects {a!r} and {b!r})")
-            raise GraphError(
-                f"expected edges between known nodes (got unknown {(b if is_object(a) else a)!r})"
-            )
+            raise GraphError(f"expected edges between known nodes (got unknown {(b if is_object(a) else a)!r})")
         for node in (a, b):
             if not (is_place(node) or is_object(node)):
                 raise GraphError(f"expected edges between known nodes (got unknown {node!r})")
     for place, seen in update.sightings:
         if not (is_place(place) and is_object(seen)):
-            raise GraphError(
-                f"expected a sighting [place, object] of known nodes (got [{place!r}, {seen!r}])"
-            )
+            raise GraphError(f"expected a sighting [place, object] of known nodes (got [{place!r}, {seen!r}])")
     if update.query_place is not None and not is_place(update.query_place):
         raise GraphError(f"expected query_place to be a place of the graph (got {update.query_place!r})")
 

@@ -83,9 +83,7 @@ def test_shipped_labelspaces_say_what_their_sources_say():
 def test_a_file_of_ones_own(tmp_path):
     text = "name: mine\nclasses:\n- {name: chair, ids: [1, 2], mobility: 0.5}\n- name: Küche\nsynonyms: {seat: chair}"
     space = load_labelspace(write(tmp_path, text))
-    assert space == Labelspace(
-        "mine", ("chair", "Küche"), {"chair": (1, 2)}, {"chair": 0.5}, {"seat": "chair"}
-    )
+    assert space == Labelspace("mine", ("chair", "Küche"), {"chair": (1, 2)}, {"chair": 0.5}, {"seat": "chair"})
 
 
 @pytest.mark.parametrize(

@@ -64,9 +64,7 @@ def test_a_full_update_is_decoded_from_bytes_and_text():
 
 def test_ids_of_64_bits_stay_exact():
     node = str(2**64 - 1)
-    update = decode_update(
-        text(places=[{"id": node, "position": [0, 0, 0]}], objects=[], edges=[], query_place=node)
-    )
+    update = decode_update(text(places=[{"id": node, "position": [0, 0, 0]}], objects=[], edges=[], query_place=node))
     assert decode_update(encode(update)).places[0].id == node
 
 
@@ -117,9 +115,7 @@ def test_a_newer_schema_with_new_fields_is_told_by_its_schema():
     refused(text(schema="semloc/scene_graph_update/2", wings=2), "(got semloc/scene_graph_update/2)")
 
 
-@pytest.mark.parametrize(
-    "number", ["NaN", "Infinity", "-Infinity", "1e999", "-1e999", "1" + "0" * 400, "1e10"]
-)
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999", "-1e999", "1" + "0" * 400, "1e10"])
 def test_a_number_that_is_no_length_is_refused(number):
     refused(text().replace("[1, 0, 0]", f"[{number}, 0, 0]"))
 
@@ -161,9 +157,7 @@ def test_a_delta_may_name_nodes_that_only_the_graph_knows():
 
 
 def matches(**changes) -> PlaceMatches:
-    row = Match(
-        rank=1, map="office", place="p1", position=(0.1234567, -1e-9, -0.0), similarity=1 / 3, probability=1.0
-    )
+    row = Match(rank=1, map="office", place="p1", position=(0.1234567, -1e-9, -0.0), similarity=1 / 3, probability=1.0)
     fields = {
         "schema": schema_of(PlaceMatches), "stamp_ns": 1, "frame_id": "map", "seq": 1, "query_place": "p1",
         "status": "match", "matches": [row], "raw_matches": None, "rivals": [], "map": None, "model": None,
@@ -210,9 +204,7 @@ positions = st.tuples(lengths, lengths, lengths)
 
 
 @settings(max_examples=50, deadline=None)
-@given(
-    st.dictionaries(ids, positions, max_size=6), st.integers(-(2**63), 2**63 - 1), st.integers(0, 2**63 - 1)
-)
+@given(st.dictionaries(ids, positions, max_size=6), st.integers(-(2**63), 2**63 - 1), st.integers(0, 2**63 - 1))
 def test_what_is_encoded_is_decoded_again(places, stamp, seq):
     update = SceneGraphUpdate(
         schema=schema_of(SceneGraphUpdate), stamp_ns=stamp, frame_id="map", seq=seq, full=True, objects=[], edges=[],
@@ -238,9 +230,7 @@ def test_mutated_text_is_decoded_or_refused_in_one_line(data):
 
 
 def test_the_wire_needs_no_torch():
-    code = (
-        "import sys, semloc_core.wire; sys.exit(any(m in sys.modules for m in ('torch', 'scipy', 'rclpy')))"
-    )
+    code = "import sys, semloc_core.wire; sys.exit(any(m in sys.modules for m in ('torch', 'scipy', 'rclpy')))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -114,9 +114,7 @@ def _string(view: memoryview, offset: int, order: str) -> tuple[str, int]:
     try:
         return str(view[start : end - 1], "utf-8"), end
     except UnicodeDecodeError as error:
-        raise BagError(
-            f"expected UTF-8 in a CDR string (got {error.reason} at byte {error.start})"
-        ) from error
+        raise BagError(f"expected UTF-8 in a CDR string (got {error.reason} at byte {error.start})") from error
 
 
 def _close(view: memoryview, end: int) -> None:

@@ -136,9 +136,7 @@ class McapStream:
         try:
             chunk = Chunk.read(ReadDataStream(io.BytesIO(body)))
         except (McapError, struct.error, UnicodeDecodeError, OverflowError, MemoryError) as error:
-            raise self._corrupt(
-                "a chunk", f"one whose head is broken: {error or type(error).__name__}"
-            ) from error
+            raise self._corrupt("a chunk", f"one whose head is broken: {error or type(error).__name__}") from error
         if chunk.uncompressed_size > self._limit:
             raise self._corrupt(f"a chunk of at most {self._limit} bytes", f"{chunk.uncompressed_size} bytes")
         data = self._decompress(chunk)
@@ -154,9 +152,7 @@ class McapStream:
             start = offset + _RECORD.size
             offset = start + length
             if offset > len(view):
-                raise self._corrupt(
-                    "a record inside its chunk", f"one that is {offset - len(view)} bytes longer"
-                )
+                raise self._corrupt("a record inside its chunk", f"one that is {offset - len(view)} bytes longer")
             if opcode == Opcode.MESSAGE:
                 yield self._message(view[start:offset])
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
@@ -182,16 +178,12 @@ class McapStream:
                 data: bytes = LZ4FrameDecompressor().decompress(chunk.data, max_length=claimed + 1)
                 return data
         except ImportError as error:
-            raise BagError(
-                f"expected the package that reads {chunk.compression} chunks (got {error})"
-            ) from error
+            raise BagError(f"expected the package that reads {chunk.compression} chunks (got {error})") from error
         except BagError:
             raise
         except Exception as error:
             # zstandard and lz4 raise errors of their own, RuntimeError, EOFError or MemoryError.
-            raise self._corrupt(
-                f"a {chunk.compression} chunk", f"one that does not decompress: {error}"
-            ) from error
+            raise self._corrupt(f"a {chunk.compression} chunk", f"one that does not decompress: {error}") from error
         raise self._corrupt("a chunk in zstd or lz4", repr(chunk.compression))
 
     def _define(self, opcode: int, body: memoryview) -> None:
@@ -204,9 +196,7 @@ class McapStream:
                 channel = Channel.read(stream)
                 self.channels[channel.id] = channel
         except (McapError, struct.error, UnicodeDecodeError) as error:
-            raise self._corrupt(
-                "a schema or channel", f"a broken one: {error or type(error).__name__}"
-            ) from error
+            raise self._corrupt("a schema or channel", f"a broken one: {error or type(error).__name__}") from error
 
     def _message(self, body: memoryview) -> RawMessage:
         if len(body) < _MESSAGE.size:

@@ -129,9 +129,7 @@ class BagReader:
         return True
 
 
-def read_messages(
-    path: str | Path, topics: Mapping[str, str] | Iterable[str] | None = None
-) -> Iterator[BagMessage]:
+def read_messages(path: str | Path, topics: Mapping[str, str] | Iterable[str] | None = None) -> Iterator[BagMessage]:
     """Messages of a bag in file order, in bounded memory; see `BagReader` for arguments and errors."""
     return iter(BagReader(path, topics))
 

@@ -85,9 +85,7 @@ class BagWriter:
 
     """
 
-    def __init__(
-        self, path: str | Path, *, compression: Compression = "none", chunk_bytes: int = CHUNK_BYTES
-    ) -> None:
+    def __init__(self, path: str | Path, *, compression: Compression = "none", chunk_bytes: int = CHUNK_BYTES) -> None:
         if compression not in _COMPRESSION:
             raise BagError(f"expected compression none, zstd or lz4 (got {compression!r})")
         self.path = Path(path)
@@ -105,14 +103,10 @@ class BagWriter:
             self._stream: IO[bytes] = self.file.open("wb")
         except OSError as error:
             raise BagError(f"expected a bag that can be written (got {error})") from error
-        self._mcap: Writer | None = Writer(
-            self._stream, chunk_size=chunk_bytes, compression=_COMPRESSION[compression]
-        )
+        self._mcap: Writer | None = Writer(self._stream, chunk_size=chunk_bytes, compression=_COMPRESSION[compression])
         self._mcap.start(profile="ros2", library="semloc")
 
-    def write(
-        self, topic: str, type_: str, stamp_ns: int, data: bytes, *, publish_ns: int | None = None
-    ) -> None:
+    def write(self, topic: str, type_: str, stamp_ns: int, data: bytes, *, publish_ns: int | None = None) -> None:
         """Append one message.
 
         Args:

@@ -73,9 +73,7 @@ class BagOfWordsEncoder(Encoder):
         source, target = self._edges(batch, None)
         length = torch.linalg.vector_norm(self._weigh(self._counts(batch, None)), dim=1, keepdim=True)
         unit = z_map.expand(batch.n_roots, -1) / length.clamp_min(1e-12)
-        parts: Tensor = (
-            self._weigh(batch.features.index_select(0, source)) * unit.index_select(0, target)
-        ).sum(1)
+        parts: Tensor = (self._weigh(batch.features.index_select(0, source)) * unit.index_select(0, target)).sum(1)
         return parts.new_zeros(batch.n_nodes).index_add_(0, source, parts)
 
     def _weigh(self, counts: Tensor) -> Tensor:

@@ -97,9 +97,9 @@ class GATv2(nn.Module):
 
     def _logits(self, pair: Tensor) -> Tensor:
         """(E, heads * outputs) -> (E, heads)."""
-        logits: Tensor = (
-            F.leaky_relu(pair, NEGATIVE_SLOPE).view(-1, self.heads, self.outputs) * self.attention
-        ).sum(-1)
+        logits: Tensor = (F.leaky_relu(pair, NEGATIVE_SLOPE).view(-1, self.heads, self.outputs) * self.attention).sum(
+            -1
+        )
         return logits
 
     def _weigh(self, messages: Tensor, alpha: Tensor) -> Tensor:

@@ -60,9 +60,7 @@ class PaperEncoder(Encoder):
     config_type = PaperConfig
     config: PaperConfig
 
-    def __init__(
-        self, config: PaperConfig | None, n_classes: int, generator: torch.Generator | None = None
-    ) -> None:
+    def __init__(self, config: PaperConfig | None, n_classes: int, generator: torch.Generator | None = None) -> None:
         super().__init__(config, n_classes)
         generator = start_generator(generator)
         c = self.config

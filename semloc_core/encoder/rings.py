@@ -25,9 +25,7 @@ class RingsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     """
 
-    centres: Annotated[
-        tuple[Annotated[float, Meta(ge=0, le=1000)], ...], Meta(min_length=1, max_length=64)
-    ] = (
+    centres: Annotated[tuple[Annotated[float, Meta(ge=0, le=1000)], ...], Meta(min_length=1, max_length=64)] = (
         0.0,
         2.0,
         4.0,
@@ -35,9 +33,7 @@ class RingsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         11.0,
         16.0,
     )
-    widths: Annotated[
-        tuple[Annotated[float, Meta(gt=0, le=1000)], ...], Meta(min_length=1, max_length=64)
-    ] = (
+    widths: Annotated[tuple[Annotated[float, Meta(gt=0, le=1000)], ...], Meta(min_length=1, max_length=64)] = (
         1.0,
         1.0,
         1.5,
@@ -48,9 +44,7 @@ class RingsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         if len(self.centres) != len(self.widths):
-            raise ConfigError(
-                f"expected as many widths as centres (got {len(self.widths)} and {len(self.centres)})"
-            )
+            raise ConfigError(f"expected as many widths as centres (got {len(self.widths)} and {len(self.centres)})")
 
 
 class RingsEncoder(Encoder):
@@ -66,9 +60,7 @@ class RingsEncoder(Encoder):
     config_type = RingsConfig
     config: RingsConfig
 
-    def __init__(
-        self, config: RingsConfig | None, n_classes: int, generator: torch.Generator | None = None
-    ) -> None:
+    def __init__(self, config: RingsConfig | None, n_classes: int, generator: torch.Generator | None = None) -> None:
         super().__init__(config, n_classes)
 
     @property

@@ -53,9 +53,7 @@ def exact_values(game: Game, players: int) -> ShapleyValues:
 
     """
     if players > MAX_EXACT_PLAYERS:
-        raise ConfigError(
-            f"expected at most {MAX_EXACT_PLAYERS} players for exact Shapley values (got {players})"
-        )
+        raise ConfigError(f"expected at most {MAX_EXACT_PLAYERS} players for exact Shapley values (got {players})")
     present = all_coalitions(players)
     value = game(present)
     numbers, size = np.arange(len(present)), present.sum(1)

@@ -42,9 +42,7 @@ def counterfactual(
     names = [class_names[i] for i in objects.tolist()]
     top = int(loaded.search(z, 1)[0][0])
     one_by_one: Bools = np.eye(len(objects), dtype=np.bool_)
-    by_class: Bools = np.array(
-        [[own == name for own in names] for name in sorted(set(names))], dtype=np.bool_
-    )
+    by_class: Bools = np.array([[own == name for own in names] for name in sorted(set(names))], dtype=np.bool_)
     removed = np.concatenate([one_by_one, by_class.reshape(-1, len(objects))])
     found, loss = _try(loaded, perturbed, objects, removed, top)
     if found is None and len(objects) > 2:
@@ -56,10 +54,7 @@ def counterfactual(
         return Counterfactual(removed=[], map=None, place=None, similarity=None)
     variant, row, similarity = found
     return Counterfactual(
-        removed=[
-            ObjectName(id=batch.node_ids[i], class_=class_names[i])
-            for i in objects[removed[variant]].tolist()
-        ],
+        removed=[ObjectName(id=batch.node_ids[i], class_=class_names[i]) for i in objects[removed[variant]].tolist()],
         map=loaded.buildings[int(loaded.building_index[row])],
         place=loaded.place_ids[row],
         similarity=similarity,

@@ -36,9 +36,7 @@ class PlaceBatches:
         """What the encoder reads of one place."""
         if self.extraction.kind == "reach":
             roots = np.array([place], dtype=np.int64)
-            return reach_all_batch(
-                self.arrays, self.n_classes, self.extraction.radius_m, roots, self.extraction.bands
-            )
+            return reach_all_batch(self.arrays, self.n_classes, self.extraction.radius_m, roots, self.extraction.bands)
         return _cut(self._whole, self._starts, place, self.extraction.hops)
 
     @cached_property

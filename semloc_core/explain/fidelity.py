@@ -57,9 +57,7 @@ def ranking(scores: ObjectScores) -> NDArray[np.int64]:
     return np.array(order, dtype=np.int64)
 
 
-def characterisation(
-    necessity: Floats, sufficiency: Floats, w_plus: float = 0.5, w_minus: float = 0.5
-) -> Floats:
+def characterisation(necessity: Floats, sufficiency: Floats, w_plus: float = 0.5, w_minus: float = 0.5) -> Floats:
     """(w₊ + w₋) / (w₊/Δ⁺ + w₋/(1 - Δ⁻)): the paper's equation.
 
     Where a term that has weight is zero (nothing changed on dropping; everything changed on keeping), the harmonic
@@ -113,9 +111,7 @@ def fidelity_curves(
     top = np.zeros((len(scores), len(counts), query.n_objects), dtype=np.bool_)
     for method, of in enumerate(scores):
         if of.ids != query.ids:
-            raise ConfigError(
-                f"expected scores of the query's {query.n_objects} objects (got {len(of.ids)} others)"
-            )
+            raise ConfigError(f"expected scores of the query's {query.n_objects} objects (got {len(of.ids)} others)")
         order = ranking(of)
         for i, count in enumerate(counts):
             top[method, i, order[:count]] = True

@@ -45,9 +45,7 @@ def integrated_gradients(
     alpha, weight = _gauss_legendre(steps)
     difference = features - start
     path = start + alpha.to(features)[:, None, None] * difference
-    similarity, gradient = query.of_features(
-        torch.cat([start[None], features[None], path])
-    )  # the two ends first
+    similarity, gradient = query.of_features(torch.cat([start[None], features[None], path]))  # the two ends first
     mean = torch.einsum("k,knc->nc", weight.to(gradient.device), gradient[2:].double())
     values = (mean * difference).sum(1).index_select(0, query.rows).cpu().numpy()
     gap = float(similarity[1] - similarity[0] - values.sum())

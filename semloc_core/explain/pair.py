@@ -48,9 +48,7 @@ def answer_query(loaded: LoadedMap, query: Query, request: ExplainRequest, frame
     """
     try:
         if query.encoded is None:
-            raise GraphError(
-                f"expected a query to explain (got none: {query.reason or 'no graph or no map'})"
-            )
+            raise GraphError(f"expected a query to explain (got none: {query.reason or 'no graph or no map'})")
         row = find_row(loaded, query, request.map, request.place)
         return explain_pair(
             loaded,

@@ -68,10 +68,5 @@ def class_scores(scores: ObjectScores) -> list[ClassAttribution]:
 
 def object_scores(scores: ObjectScores) -> list[ObjectAttribution]:
     """One entry an object, by falling score, then by id."""
-    order: Sequence[int] = sorted(
-        range(len(scores.ids)), key=lambda i: (-float(scores.scores[i]), scores.ids[i])
-    )
-    return [
-        ObjectAttribution(id=scores.ids[i], class_=scores.classes[i], score=float(scores.scores[i]))
-        for i in order
-    ]
+    order: Sequence[int] = sorted(range(len(scores.ids)), key=lambda i: (-float(scores.scores[i]), scores.ids[i]))
+    return [ObjectAttribution(id=scores.ids[i], class_=scores.classes[i], score=float(scores.scores[i])) for i in order]

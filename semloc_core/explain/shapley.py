@@ -34,9 +34,7 @@ def shapley_sampling(
         ConfigError: fewer than two permutations.
 
     """
-    return _wrap(
-        query, "shapley_sampling", sampled_values(query.of_objects, query.n_objects, permutations, rng)
-    )
+    return _wrap(query, "shapley_sampling", sampled_values(query.of_objects, query.n_objects, permutations, rng))
 
 
 def node_shapley(query: SimilarityQuery) -> ObjectScores:

@@ -186,9 +186,7 @@ class SimilarityQuery:
         )
 
     @classmethod
-    def from_perturbed(
-        cls, perturbed: PerturbedEncoder, target: Tensor, class_names: Sequence[str]
-    ) -> SimilarityQuery:
+    def from_perturbed(cls, perturbed: PerturbedEncoder, target: Tensor, class_names: Sequence[str]) -> SimilarityQuery:
         """Ask about the scalar product with a target, by what embeds the query's variants.
 
         Args:
@@ -201,9 +199,7 @@ class SimilarityQuery:
 
         """
         if tuple(target.shape) != (perturbed.dimension,):
-            raise ModelError(
-                f"expected a target of {perturbed.dimension} numbers (got shape {tuple(target.shape)})"
-            )
+            raise ModelError(f"expected a target of {perturbed.dimension} numbers (got shape {tuple(target.shape)})")
         target = _normal(target)
 
         def similarity(features: Tensor | None = None, keep: Tensor | None = None) -> Tensor:

@@ -140,9 +140,7 @@ def _convert(document: Document, name: str, labelspace: Labelspace | None) -> Hy
     nodes = _usable_nodes(document, dropped)
     types = {node.attributes.type for node in nodes.values()}
     place_type = next((t for t in PLACE_TYPES if t in types), PLACE_TYPES[0])
-    layers = {place_type: "place", AGENT_TYPE: "agent", ROOM_TYPE: "room"} | dict.fromkeys(
-        OBJECT_TYPES, "object"
-    )
+    layers = {place_type: "place", AGENT_TYPE: "agent", ROOM_TYPE: "room"} | dict.fromkeys(OBJECT_TYPES, "object")
     kind = {i: layers[n.attributes.type] for i, n in nodes.items() if n.attributes.type in layers}
     links = _Links(document, nodes, kind, dropped)
     try:
@@ -192,9 +190,7 @@ def _usable_nodes(document: Document, dropped: Counter[str]) -> dict[int, Node]:
 class _Links:
     """The file's edges, sorted out by the kinds of their ends."""
 
-    def __init__(
-        self, document: Document, nodes: dict[int, Node], kind: dict[int, str], dropped: Counter[str]
-    ) -> None:
+    def __init__(self, document: Document, nodes: dict[int, Node], kind: dict[int, str], dropped: Counter[str]) -> None:
         self.traversability: list[tuple[str, str]] = []
         self.parents: list[tuple[str, str]] = []
         self.place_of_agent: dict[int, str] = {}
@@ -239,9 +235,7 @@ def _labels(nodes: dict[int, Node], kind: dict[int, str], name: str) -> set[int]
     for i, node in nodes.items():
         if kind.get(i) == "object":
             if node.attributes.semantic_label is None:
-                raise FileFormatError(
-                    f"expected a semantic_label of every object in {name} (got none of {i})"
-                )
+                raise FileFormatError(f"expected a semantic_label of every object in {name} (got none of {i})")
             labels.add(node.attributes.semantic_label)
     return labels
 
@@ -271,9 +265,7 @@ def _agents(
         stamp = node.timestamp if node.timestamp is not None else node.attributes.timestamp
         rotation = node.attributes.world_R_body
         if stamp is None or rotation is None:
-            raise FileFormatError(
-                f"expected timestamp and world_R_body of every agent in {name} (got none of {i})"
-            )
+            raise FileFormatError(f"expected timestamp and world_R_body of every agent in {name} (got none of {i})")
         x, y, z, w = (math.nan if v is None else v for v in (rotation.x, rotation.y, rotation.z, rotation.w))
         norm = math.sqrt(x * x + y * y + z * z + w * w)
         if not abs(norm - 1) <= UNIT_TOLERANCE:

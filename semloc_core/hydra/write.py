@@ -61,14 +61,10 @@ def write_hydra(
 
     """
     if graph.sightings:
-        raise FileFormatError(
-            f"expected a graph without sightings for {path} (got {len(graph.sightings)} objects)"
-        )
+        raise FileFormatError(f"expected a graph without sightings for {path} (got {len(graph.sightings)} objects)")
     rooms = rooms or {}
     label = _labels(graph, labelspace)
-    names = {i: c for c, numbers in labelspace.ids.items() for i in numbers} | {
-        i: c for c, i in label.items()
-    }
+    names = {i: c for c, numbers in labelspace.ids.items() for i in numbers} | {i: c for c, i in label.items()}
     nodes = [
         *(_node(PLACES, p, graph.places[p], _place_attributes(p)) for p in _sorted(graph.places, path)),
         *(
@@ -88,9 +84,7 @@ def write_hydra(
         "directed": False,
         "edges": [_edge(a, b) for a, b in sorted(edges)],
         "layer_keys": layers,
-        "layer_names": dict(
-            zip(("OBJECTS", "PLACES", "ROOMS", "BUILDINGS"), layers, strict=True), AGENTS=layers[0]
-        ),
+        "layer_names": dict(zip(("OBJECTS", "PLACES", "ROOMS", "BUILDINGS"), layers, strict=True), AGENTS=layers[0]),
         "metadata": {"labelspaces": {OBJECT_LABELSPACE: sorted(names.items())}},
         "multigraph": False,
         "nodes": nodes,
@@ -106,18 +100,13 @@ def _labels(graph: SceneGraph, labelspace: Labelspace) -> dict[str, int]:
     taken = {number for numbers in labelspace.ids.values() for number in numbers}
     free = (i for i in range(UNLABELLED) if i not in taken)
     others = sorted({thing.class_ for thing in graph.objects.values()} - set(labelspace.classes))
-    return {
-        c: numbers[0] if (numbers := labelspace.ids.get(c)) else next(free)
-        for c in (*labelspace.classes, *others)
-    }
+    return {c: numbers[0] if (numbers := labelspace.ids.get(c)) else next(free) for c in (*labelspace.classes, *others)}
 
 
 def _sorted(ids: Mapping[str, Any], path: str | Path) -> list[str]:
     for i in ids:
         if not (i.isascii() and i.isdigit() and int(i) < 2**64 and str(int(i)) == i):
-            raise FileFormatError(
-                f"expected node ids that are decimal 64-bit numbers, for {path} (got {i!r})"
-            )
+            raise FileFormatError(f"expected node ids that are decimal 64-bit numbers, for {path} (got {i!r})")
     return sorted(ids, key=int)
 
 

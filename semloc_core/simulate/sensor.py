@@ -54,9 +54,7 @@ def perceive(graph: SceneGraph, errors: DetectorErrors, rng: np.random.Generator
     an edge to a place can't be perceived.
     """
     noise = rng.normal(0.0, 1.0, (len(graph.places), 3)) * errors.place_noise_m
-    places = {
-        place: _shifted(graph.places[place], n) for place, n in zip(sorted(graph.places), noise, strict=True)
-    }
+    places = {place: _shifted(graph.places[place], n) for place, n in zip(sorted(graph.places), noise, strict=True)}
     true = [graph.objects[key] for key in sorted(graph.objects) if graph.parents.get(key)]
     frequency = Counter(thing.class_ for thing in true)
     missed, mislabelled = rng.random((2, len(true)))

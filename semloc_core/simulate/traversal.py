@@ -45,12 +45,8 @@ class SimulationConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         str,
         Meta(description="id of the place to start from; empty: a random one of the largest connected part"),
     ] = ""
-    range_m: Annotated[
-        float, Meta(gt=0.0, le=1000.0, description="sensing range along traversability edges, m")
-    ] = 5.0
-    miss_rate: Annotated[
-        float, Meta(ge=0.0, le=1.0, description="share of the objects that are never detected")
-    ] = 0.1
+    range_m: Annotated[float, Meta(gt=0.0, le=1000.0, description="sensing range along traversability edges, m")] = 5.0
+    miss_rate: Annotated[float, Meta(ge=0.0, le=1.0, description="share of the objects that are never detected")] = 0.1
     flicker_rate: Annotated[
         float,
         Meta(
@@ -59,9 +55,7 @@ class SimulationConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
             description="chance, at each update, that an object in range is lost until seen again",
         ),
     ] = 0.0
-    false_rate: Annotated[float, Meta(ge=0.0, le=100.0, description="invented objects for each true one")] = (
-        0.05
-    )
+    false_rate: Annotated[float, Meta(ge=0.0, le=100.0, description="invented objects for each true one")] = 0.05
     mislabel_rate: Annotated[
         float, Meta(ge=0.0, le=1.0, description="share of the detected objects that get another class")
     ] = 0.0
@@ -80,9 +74,7 @@ class SimulationConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     odometry: Annotated[bool, Meta(description="whether updates carry odometry")] = True
     odometry_noise: Annotated[
         float,
-        Meta(
-            ge=0.0, le=10.0, description="standard deviation of odometry, m per axis after one metre walked"
-        ),
+        Meta(ge=0.0, le=10.0, description="standard deviation of odometry, m per axis after one metre walked"),
     ] = 0.0
     odometry_yaw_noise: Annotated[
         float,

@@ -130,8 +130,7 @@ def walk_to_goals(
         yield WalkPoint(graph.places[start], 0.0, 0.0, {start: 0.0})
         return
     segments = (
-        _Segment(graph.places[a], graph.places[b], (a, b))
-        for a, b in _legs(graph.neighbours, places, start, rng)
+        _Segment(graph.places[a], graph.places[b], (a, b)) for a, b in _legs(graph.neighbours, places, start, rng)
     )
     for sample in _sample(segments, step_m):
         if distance_m and sample.travelled > distance_m * (1 + 1e-12):

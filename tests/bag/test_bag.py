@@ -84,9 +84,7 @@ FOOTER = record(2, bytes(20)) + START
 @pytest.mark.parametrize("value", ["", "a", "abc", "abcd", "größe 図", "x" * 10_000])
 def test_string_is_byte_for_byte_what_rosbags_makes_and_reads_in_both_byte_orders(value):
     message = STORE.types[STRING](data=value)
-    assert (
-        encode_string(value) == bytes(STORE.serialize_cdr(message, STRING)) == encode_string(value.encode())
-    )
+    assert encode_string(value) == bytes(STORE.serialize_cdr(message, STRING)) == encode_string(value.encode())
     for little in (True, False):
         assert decode_string(bytes(STORE.serialize_cdr(message, STRING, little_endian=little))) == value
     assert decode_string(encode_string(value) + bytes(3)) == value
@@ -98,9 +96,7 @@ def test_point_is_byte_for_byte_what_rosbags_makes_and_reads_in_both_byte_orders
     header = types["std_msgs/msg/Header"](
         stamp=types["builtin_interfaces/msg/Time"](sec=12, nanosec=345), frame_id=frame
     )
-    message = types[POINT_STAMPED](
-        header=header, point=types["geometry_msgs/msg/Point"](x=1.5, y=-2.0, z=3.25)
-    )
+    message = types[POINT_STAMPED](header=header, point=types["geometry_msgs/msg/Point"](x=1.5, y=-2.0, z=3.25))
     stamp, position = 12 * 10**9 + 345, (1.5, -2.0, 3.25)
     assert encode_point(stamp, frame, position) == bytes(STORE.serialize_cdr(message, POINT_STAMPED))
     for little in (True, False):
@@ -165,9 +161,7 @@ def test_rosbags_reads_our_folder(tmp_path, compression):
             assert (qos.history.name, qos.depth, qos.reliability.name) == ("KEEP_LAST", 1000, "RELIABLE")
     with AnyReader([path]) as reader:
         texts = [
-            reader.deserialize(raw, c.msgtype).data
-            for c, _, raw in reader.messages()
-            if c.topic == "/scene_graph"
+            reader.deserialize(raw, c.msgtype).data for c, _, raw in reader.messages() if c.topic == "/scene_graph"
         ]
     assert texts == [t for _, t, _ in MESSAGES]
 
@@ -187,9 +181,7 @@ def test_rosbags_reads_our_bare_file(tmp_path):
 def test_mcap_library_reads_our_file_with_crc_checks_and_by_index(tmp_path, compression):
     path = write(tmp_path / "run.mcap", compression)
     with path.open("rb") as stream:
-        assert sum(1 for _ in NonSeekingReader(stream, validate_crcs=True).iter_messages()) == 2 * len(
-            MESSAGES
-        )
+        assert sum(1 for _ in NonSeekingReader(stream, validate_crcs=True).iter_messages()) == 2 * len(MESSAGES)
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         assert reader.get_header().profile == "ros2"

@@ -90,7 +90,5 @@ def test_what_only_the_decoder_can_refuse(path):
 def test_the_command_writes_the_schemas(tmp_path, monkeypatch):
     monkeypatch.setattr("sys.argv", ["schemas", str(tmp_path / "new")])
     main()
-    assert sorted(p.name for p in (tmp_path / "new").iterdir()) == sorted(
-        f"{n}.schema.json" for n in MESSAGES
-    )
+    assert sorted(p.name for p in (tmp_path / "new").iterdir()) == sorted(f"{n}.schema.json" for n in MESSAGES)
     assert [p.read_text() for p in write_schemas(tmp_path)] == [schema_text(t) for t in MESSAGES.values()]

@@ -32,17 +32,12 @@ def ego_batch(
         hop = dict.fromkeys(group, 0)
         frontier = list(group)
         for h in range(1, hops + 1):
-            frontier = [
-                n for f in frontier for n in neighbours[f] if n not in hop and hop.setdefault(n, h) == h
-            ]
+            frontier = [n for f in frontier for n in neighbours[f] if n not in hop and hop.setdefault(n, h) == h]
         nodes += [(h, g, name) for name, h in hop.items()]
     nodes.sort(key=lambda node: node[0])  # stable: roots stay in order
     row = {(g, name): i for i, (_, g, name) in enumerate(nodes)}
     directed = [
-        (row[g, source], i, h)
-        for i, (h, g, name) in enumerate(nodes)
-        if h < hops
-        for source in neighbours[name]
+        (row[g, source], i, h) for i, (h, g, name) in enumerate(nodes) if h < hops for source in neighbours[name]
     ]
     hop_of_target = np.array([h for _, _, h in directed], dtype=int)
     features = torch.zeros(len(nodes), n_classes)
@@ -51,9 +46,7 @@ def ego_batch(
             features[i, classes[name]] = 1.0
     return Batch(
         features=features,
-        edge_index=torch.tensor([[s, t] for s, t, _ in directed], dtype=torch.int64)
-        .reshape(-1, 2)
-        .T.contiguous(),
+        edge_index=torch.tensor([[s, t] for s, t, _ in directed], dtype=torch.int64).reshape(-1, 2).T.contiguous(),
         edge_length=torch.ones(len(directed)),
         is_object=torch.tensor([name in classes for _, _, name in nodes]),
         graph=torch.tensor([g for _, g, _ in nodes]),
@@ -94,9 +87,7 @@ def random_world(
     linked = names[:-2]
     edges = [(linked[i], linked[int(rng.integers(max(0, i - 4), i))]) for i in range(1, len(linked))]
     edges += [
-        (linked[i], linked[i + 3])
-        for i in range(0, len(linked) - 3, 5)
-        if (linked[i + 3], linked[i]) not in edges
+        (linked[i], linked[i + 3]) for i in range(0, len(linked) - 3, 5) if (linked[i + 3], linked[i]) not in edges
     ]
     classes = {f"o{i}": int(rng.integers(n_classes)) for i in range(objects)}
     for o in classes:

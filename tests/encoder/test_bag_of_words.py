@@ -34,9 +34,7 @@ def test_idf_counts_places_over_all_batches_and_forgets_an_earlier_fit() -> None
     assert torch.equal(encoder.idf, torch.ones(3))
     encoder.fit([ego_batch({"z": 1}, [("q", "z")], ["q"], 1, 3)])
     encoder.fit(ego_batch(CLASSES, EDGES, roots, 1, 3) for roots in (["r", "s"], ["t"]))
-    expected = [
-        math.log(4 / (1 + seen)) + 1 for seen in (1, 0, 2)
-    ]  # 3 places; class 0 from r; class 2 from r and s
+    expected = [math.log(4 / (1 + seen)) + 1 for seen in (1, 0, 2)]  # 3 places; class 0 from r; class 2 from r and s
     torch.testing.assert_close(encoder.idf, torch.tensor(expected))
     z = encoder(ego_batch(CLASSES, EDGES, ["r"], 1, 3))[0]
     torch.testing.assert_close(z[0] / z[2], torch.tensor(2 * expected[0] / expected[2]))

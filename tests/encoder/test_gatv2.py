@@ -16,9 +16,7 @@ def random_edges(n: int, seed: int) -> torch.Tensor:
 def same_weights(ours: GATv2, theirs: GATv2Conv) -> None:
     with torch.no_grad():
         for parameter in ours.parameters():  # biases too, which start at zero
-            parameter.copy_(
-                torch.randn(parameter.shape, generator=torch.Generator().manual_seed(parameter.numel()))
-            )
+            parameter.copy_(torch.randn(parameter.shape, generator=torch.Generator().manual_seed(parameter.numel())))
         theirs.lin_l.weight.copy_(ours.source.weight)
         theirs.lin_l.bias.copy_(ours.source.bias)
         theirs.lin_r.weight.copy_(ours.target.weight)
@@ -40,11 +38,7 @@ def test_outputs_attention_and_gradients_equal_those_of_pyg(heads: int, self_loo
     y1, attention = ours(x1, edges[0], edges[1], n)
     y2, (edges2, alpha2) = theirs(x2, edges, return_attention_weights=True)
     torch.testing.assert_close(y1, y2, atol=1e-5, rtol=1e-5)
-    alpha1 = (
-        attention.edges
-        if attention.self_loops is None
-        else torch.cat([attention.edges, attention.self_loops])
-    )
+    alpha1 = attention.edges if attention.self_loops is None else torch.cat([attention.edges, attention.self_loops])
     assert torch.equal(edges2[:, : edges.shape[1]], edges)  # PyG appends self-loops, node by node
     torch.testing.assert_close(alpha1, alpha2, atol=1e-5, rtol=1e-5)
     weights = torch.randn(y1.shape, generator=torch.Generator().manual_seed(2))

@@ -58,9 +58,7 @@ def test_edges_in_any_order_are_sorted_within_their_hop() -> None:
     expected, found = trim(batch, 3), trim(shuffled, 3)
     assert (found.target[1:] >= found.target[:-1]).all()
     for hops in range(3):
-        pairs = [
-            sorted(zip(*(row.tolist() for row in t.reaching(hops)), strict=True)) for t in (expected, found)
-        ]
+        pairs = [sorted(zip(*(row.tolist() for row in t.reaching(hops)), strict=True)) for t in (expected, found)]
         assert pairs[0] == pairs[1]
     x = torch.randn(batch.n_nodes, 5, generator=generator)
     sums = x.new_zeros(batch.nodes_within[2], 5).index_add_(0, batch.edge_index[1], x[batch.edge_index[0]])

@@ -167,9 +167,7 @@ def test_credit_is_the_attention_where_it_is_not_uniform() -> None:
 
 @pytest.mark.parametrize("self_loops", [True, False])
 @pytest.mark.parametrize("edges", [[], [("r", "p"), ("p", "q")]], ids=["isolated", "no object in reach"])
-def test_a_place_without_objects_keeps_all_credit_itself(
-    self_loops: bool, edges: list[tuple[str, str]]
-) -> None:
+def test_a_place_without_objects_keeps_all_credit_itself(self_loops: bool, edges: list[tuple[str, str]]) -> None:
     assert credits(uniform(PaperConfig(self_loops=self_loops)), {}, edges) == pytest.approx({"self": 1.0})
 
 

@@ -83,9 +83,7 @@ def test_gradient_is_finite_everywhere_and_right_where_it_has_a_value() -> None:
     up, down = batch.features.clone(), batch.features.clone()
     up[a, 0] += step
     down[a, 0] -= step
-    change = ((encoder(batch.with_features(up)) - encoder(batch.with_features(down))) * z_map).sum() / (
-        2 * step
-    )
+    change = ((encoder(batch.with_features(up)) - encoder(batch.with_features(down))) * z_map).sum() / (2 * step)
     assert float(features.grad[a, 0]) == pytest.approx(float(change), abs=1e-3)
 
 

@@ -25,9 +25,7 @@ def test_every_layer_is_shuffled_both_ways_and_the_model_left_alone(variants):
     rows = randomisation_rows(model, *variants, [2, 8], methods=["saliency"])
     assert model.hash == before
     layers = ["embed", "gat", "layers.1", "layers.0", "project"]
-    assert [(row["way"], row["scope"]) for row in rows] == [
-        (w, x) for w in ("cascading", "alone") for x in layers
-    ]
+    assert [(row["way"], row["scope"]) for row in rows] == [(w, x) for w in ("cascading", "alone") for x in layers]
     assert all(-1 <= row["spearman"] <= 1 for row in rows)
 
 
@@ -35,9 +33,7 @@ def test_an_explainer_that_ignores_the_model_is_found_out(variants, monkeypatch)
     """Scores by object id stay the same whatever the weights: a correlation of 1 at every layer."""
     by_id = {"blind": lambda query, rng: query.scores("blind", np.arange(query.n_objects, dtype=float))}
     monkeypatch.setitem(EXPLAINERS, "blind", by_id["blind"])
-    rows = randomisation_rows(
-        make_model("paper"), *variants, [2, 8], methods=["blind", "integrated_gradients"]
-    )
+    rows = randomisation_rows(make_model("paper"), *variants, [2, 8], methods=["blind", "integrated_gradients"])
     blind = [row["spearman"] for row in rows if row["method"] == "blind"]
     looks = [row["spearman"] for row in rows if row["method"] == "integrated_gradients"]
     np.testing.assert_allclose(blind, 1)

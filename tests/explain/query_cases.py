@@ -73,9 +73,7 @@ def encoder_query(
     query = room(classes)
     with torch.no_grad():
         target = encoder(room(other))[0]
-    return SimilarityQuery.from_encoder(
-        encoder, query, target, class_names(query), nodes_at_once=nodes_at_once
-    )
+    return SimilarityQuery.from_encoder(encoder, query, target, class_names(query), nodes_at_once=nodes_at_once)
 
 
 def any_encoder(name: str) -> Encoder:
@@ -83,9 +81,7 @@ def any_encoder(name: str) -> Encoder:
     return paper_encoder() if name == "paper" else build_encoder(name, None, N_CLASSES).eval()
 
 
-def toy_query(
-    of_one: Callable[[Tensor, Tensor], Tensor], features: Tensor, classes: list[str]
-) -> SimilarityQuery:
+def toy_query(of_one: Callable[[Tensor, Tensor], Tensor], features: Tensor, classes: list[str]) -> SimilarityQuery:
     """A model from elsewhere: ``of_one(features (N, C), keep (N,)) -> ()``; every node is an object."""
 
     def similarity(features_: Tensor | None = None, keep: Tensor | None = None) -> Tensor:

@@ -100,9 +100,7 @@ def test_controls_do_worse_than_the_truth() -> None:
     query = toy_query(additive, torch.eye(4), ["a", "b", "c", "d"])
     truth = query.scores("worth", WORTH.double().numpy())
     rng = np.random.default_rng(0)
-    curves = fidelity_curves(
-        query, [truth, inverted(truth), *(random_scores(query, rng) for _ in range(50))], [0.5]
-    )
+    curves = fidelity_curves(query, [truth, inverted(truth), *(random_scores(query, rng) for _ in range(50))], [0.5])
     by_truth, by_inverse, *by_chance = (float(curve.characterisation[0]) for curve in curves)
     assert by_inverse < np.mean(by_chance) < by_truth
     assert curves[1].method == "inverted_worth"

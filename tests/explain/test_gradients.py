@@ -31,9 +31,7 @@ def test_linear_model_in_closed_form() -> None:
 
 def test_polynomial_in_closed_form() -> None:
     """s = u² v with u, v one feature each: IG is ∫ 2α² = 2/3 of u, 1/3 of v."""
-    query = toy_query(
-        lambda x, keep: x[0, 0] ** 2 * x[1, 0], torch.tensor([[1.0], [1.0], [1.0]]), ["a", "b", "c"]
-    )
+    query = toy_query(lambda x, keep: x[0, 0] ** 2 * x[1, 0], torch.tensor([[1.0], [1.0], [1.0]]), ["a", "b", "c"])
     np.testing.assert_allclose(integrated_gradients(query, steps=2).scores, [2 / 3, 1 / 3, 0], atol=1e-6)
 
 

@@ -19,9 +19,7 @@ def town(request, tmp_path_factory):
     """Two buildings that share place ids."""
     folder = tmp_path_factory.mktemp(request.param)
     model = make_model(request.param)
-    return make_map(
-        folder / "town.map", model, home=building_update(seed=0), work=building_update(seed=1, length=25)
-    )
+    return make_map(folder / "town.map", model, home=building_update(seed=0), work=building_update(seed=1, length=25))
 
 
 def ask(query=None, building=None, place=None, methods=None):
@@ -82,10 +80,7 @@ def test_a_counterfactual_holds_when_its_objects_are_really_gone(town):
         again = Localiser(town).update(rest).matches.matches[0]
         assert again.similarity == pytest.approx(found.similarity, abs=1e-5)
         if found.place != again.place:  # another place of the same similarity
-            tied = (
-                town.embeddings[town.row(found.map, found.place)]
-                @ town.embeddings[town.row(again.map, again.place)]
-            )
+            tied = town.embeddings[town.row(found.map, found.place)] @ town.embeddings[town.row(again.map, again.place)]
             assert tied == pytest.approx(1, abs=1e-4)
         old, new = before.best_row, town.row(found.map, found.place)
         far = np.linalg.norm(town.positions[old] - town.positions[new]) > MATCH_RADIUS_M
@@ -103,9 +98,7 @@ def test_a_contrast_adds_up_to_the_difference(robot, town):
     encoder = town.model.encoder
     with torch.no_grad():
         empty = encoder(query.batch, keep=~query.batch.is_object)[0].numpy()
-    assert sum(c.score for c in why.classes) == pytest.approx(
-        float(direction @ z - direction @ empty), abs=1e-5
-    )
+    assert sum(c.score for c in why.classes) == pytest.approx(float(direction @ z - direction @ empty), abs=1e-5)
     better = int((town.embeddings @ z > answer.similarity + 1e-6).sum())
     assert 1 <= better < why.rank + 1
     assert why.similarity >= answer.similarity

@@ -82,9 +82,7 @@ def agrees(dsg, read) -> None:
     places = {str(n.id.value): tuple(n.attributes.position) for n in layer["P"].nodes}
     assert read.graph.places == places
     objects = {str(n.id.value): n.attributes for n in layer["O"].nodes}
-    assert {i: o.position for i, o in read.graph.objects.items()} == {
-        i: tuple(a.position) for i, a in objects.items()
-    }
+    assert {i: o.position for i, o in read.graph.objects.items()} == {i: tuple(a.position) for i, a in objects.items()}
     names = read.labelspace
     for i, attributes in objects.items():
         assert names.name_of(attributes.semantic_label) == read.graph.objects[i].class_

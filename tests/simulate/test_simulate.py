@@ -90,15 +90,11 @@ def test_graph_is_what_could_be_seen_from_the_path_so_far(grid):
     assert len(steps) == 26
     seen = set()
     for step, graph in replayed(steps):
-        assert (
-            math.dist(step.position, grid.places[step.place]) < 1e-9
-        )  # a step is an edge, so it ends on a place
+        assert math.dist(step.position, grid.places[step.place]) < 1e-9  # a step is an edge, so it ends on a place
         seen |= set(ball(grid.neighbours, step.place, 2.5))
         assert set(graph.places) == seen
         assert set(graph.objects) == {key for key, parents in grid.parents.items() if parents & seen}
-        assert {p: set(row) for p, row in graph.neighbours.items()} == {
-            p: set(grid.neighbours[p]) & seen for p in seen
-        }
+        assert {p: set(row) for p, row in graph.neighbours.items()} == {p: set(grid.neighbours[p]) & seen for p in seen}
         assert all(graph.parents[key] == grid.parents[key] & seen for key in graph.objects)
         assert step.update.query_place == step.place
     assert len(seen) > 15
@@ -157,9 +153,7 @@ def test_a_full_update_alone_says_what_the_deltas_said(grid):
 
 def test_same_seed_same_bytes_other_seed_other_walk(grid):
     encode = [wire.encode(step.update) for step in run(grid, seed=3, miss_rate=0.2, odometry_noise=0.1)]
-    assert encode == [
-        wire.encode(step.update) for step in run(grid, seed=3, miss_rate=0.2, odometry_noise=0.1)
-    ]
+    assert encode == [wire.encode(step.update) for step in run(grid, seed=3, miss_rate=0.2, odometry_noise=0.1)]
     assert [s.position for s in run(grid, seed=3)] != [s.position for s in run(grid, seed=4)]
     # The detector draws apart from the walk.
     assert [s.position for s in run(grid, seed=3)] == [s.position for s in run(grid, seed=3, miss_rate=0.9)]
@@ -277,9 +271,7 @@ def test_odometry_is_the_walk_in_a_frame_of_its_own(grid):
             straight += 1
     assert straight > 50
     final = steps[-1]
-    assert np.linalg.norm(final.update.odometry.position) == pytest.approx(
-        math.dist(final.position, steps[0].position)
-    )
+    assert np.linalg.norm(final.update.odometry.position) == pytest.approx(math.dist(final.position, steps[0].position))
     assert all(step.update.odometry is None for step in run(grid, odometry=False))
 
 
@@ -288,12 +280,8 @@ def test_odometry_noise_grows_with_the_root_of_the_distance(grid):
     for distance in (10.0, 40.0):
         errors = []
         for seed in range(40):
-            exact = run(grid, seed, distance_m=distance, start_place="g00", rate_hz=0.5)[
-                -1
-            ].update.odometry.position
-            noisy = run(grid, seed, distance_m=distance, start_place="g00", odometry_noise=0.1, rate_hz=0.5)[
-                -1
-            ]
+            exact = run(grid, seed, distance_m=distance, start_place="g00", rate_hz=0.5)[-1].update.odometry.position
+            noisy = run(grid, seed, distance_m=distance, start_place="g00", odometry_noise=0.1, rate_hz=0.5)[-1]
             errors.append(np.subtract(noisy.update.odometry.position, exact))
         ends[distance] = np.std(errors)
     assert ends[10.0] == pytest.approx(0.1 * math.sqrt(10), rel=0.25)
@@ -321,9 +309,7 @@ def test_pose_far_from_every_place_still_has_a_query_place():
 
 
 def test_disconnected_building_is_walked_in_its_largest_part_or_the_starts():
-    places = {f"p{i}": (float(i), 0.0, 0.0) for i in range(5)} | {
-        f"a{i}": (float(i), 9.0, 0.0) for i in range(2)
-    }
+    places = {f"p{i}": (float(i), 0.0, 0.0) for i in range(5)} | {f"a{i}": (float(i), 9.0, 0.0) for i in range(2)}
     edges = [(f"p{i}", f"p{i + 1}") for i in range(4)] + [("a0", "a1")]
     graph = scene(places, edges)
     assert largest_component(graph) == [f"p{i}" for i in range(5)]
@@ -464,17 +450,13 @@ def test_run_cut_off_in_mid_write_gives_its_first_part(grid, tmp_path):
 
 
 @pytest.mark.data
-@pytest.mark.parametrize(
-    "name", ["hydra/apartment_short.json", "hydra/mp3d_partial_600.json", "goseek/office.json"]
-)
+@pytest.mark.parametrize("name", ["hydra/apartment_short.json", "hydra/mp3d_partial_600.json", "goseek/office.json"])
 def test_real_buildings_are_walked_by_goals_and_by_their_poses(data_root, tmp_path, name):
     from semloc_core.hydra import read_hydra
 
     file = read_hydra(data_root / name)
     config = SimulationConfig.of(distance_m=30.0, speed_mps=1.0, rate_hz=1.0, flicker_rate=0.02)
-    count = write_run(
-        tmp_path / "goals.mcap", simulate_traversal(file.graph, config, np.random.default_rng(0))
-    )
+    count = write_run(tmp_path / "goals.mcap", simulate_traversal(file.graph, config, np.random.default_rng(0)))
     assert count == 31
     graph = graph_at_end(tmp_path / "goals.mcap")
     assert graph.objects
