@@ -1,10 +1,13 @@
 import numpy as np
 import pytest
-from small_building import SPACE, building_update
+from small_building import SPACE, building_update, make_model
 
 from semloc_core.encoder import build_encoder
 from semloc_core.errors import GraphError
+from semloc_core.evaluate.fragments import embed_walk
+from semloc_core.evaluate.walks import WalkConfig, walk
 from semloc_core.graph_arrays import GraphArrays
+from semloc_core.model import embed_graph
 from semloc_core.place_graph import extract, extract_all, repeat, take_stars, union
 from semloc_core.place_graph.free_space import free_space
 from semloc_core.scene_graph import SceneGraph
@@ -68,3 +71,13 @@ def test_copies_unions_and_choices_carry_free_space_along() -> None:
     plain = extract_all(arrays, len(SPACE), build_encoder("rings", None, len(SPACE)).extraction)
     with pytest.raises(GraphError, match="expected free space of all batches or of none"):
         union([batch, plain])
+
+
+def test_along_a_walk_the_embedding_is_that_of_the_graph_so_far() -> None:
+    arrays = GraphArrays.from_scene_graph(SceneGraph.from_update(building_update(length=40)), SPACE)
+    model = make_model("geodesic_attention")
+    path = walk(arrays, WalkConfig(distance_m=15.0), np.random.default_rng(0))
+    together = embed_walk(model, path)
+    for step in (0, path.steps // 2, path.steps - 1):
+        part, place = path.part(step)
+        np.testing.assert_allclose(together[step], embed_graph(model, part)[place], atol=1e-6)

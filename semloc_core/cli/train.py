@@ -23,17 +23,23 @@ from semloc_core.cli.common import (
 def train(
     graphs: Annotated[list[Path], typer.Argument(metavar="GRAPH...", help="Graphs of the buildings to train on.")],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="MODEL", help="Where to write the model.")],
-    loss: Annotated[Literal["infonce", "triplet", "contrastive"], typer.Option(help="Training loss.")] = "infonce",
+    loss: Annotated[
+        Literal["infonce", "triplet", "contrastive", "mil_nce"] | None,
+        typer.Option(help="Training loss; none given: the encoder's own (infonce; geodesic_attention: mil_nce)."),
+    ] = None,
     encoder: Annotated[
-        str, typer.Option(help="paper, rings, bag_of_words, tfidf or histogram (only paper has weights to train).")
-    ] = "paper",
-    views: Annotated[
-        Literal["paper", "detector"],
+        str,
         typer.Option(
-            help="What training pairs differ in: objects displaced (paper), or also places sampled anew, objects "
-            "missed, invented and mislabelled, as on a robot's new run (detector)."
+            help="paper or geodesic_attention; rings, bag_of_words, tfidf and histogram have no weights to train."
         ),
     ] = "paper",
+    views: Annotated[
+        Literal["paper", "detector"] | None,
+        typer.Option(
+            help="What training pairs differ in: objects displaced (paper), or also places sampled anew, objects "
+            "missed, invented and mislabelled, as on a robot's new run (detector). None given: the encoder's own."
+        ),
+    ] = None,
     labelspace: LabelspaceOption = None,
     layers: Annotated[int, typer.Option(min=1, max=8, help="Message-passing layers (paper).")] = 2,
     hidden: Annotated[int, typer.Option(min=1, max=1024, help="Hidden dimension (paper).")] = 64,
@@ -52,10 +58,9 @@ def train(
     Self-supervised: perturbed variants of a graph give pairs of the same place (paper, section IV). Nothing but the
     graphs is needed; the labelspace is taken from the files unless --labelspace names another.
     """
-    from semloc_core.config import checked
     from semloc_core.graph_arrays import GraphArrays
     from semloc_core.labelspace import count_unknown, union
-    from semloc_core.training.config import PERTURBATIONS, TrainConfig
+    from semloc_core.training.config import PERTURBATIONS, train_config
     from semloc_core.training.curve import plot_curve
     from semloc_core.training.loop import Report
     from semloc_core.training.loop import train as run_training
@@ -68,18 +73,16 @@ def train(
     arrays = [
         GraphArrays.from_scene_graph(f.graph, space, building_name(p)) for p, f in zip(graphs, files, strict=True)
     ]
-    config = checked(
-        TrainConfig,
-        loss=loss,
-        perturb=PERTURBATIONS[views],
-        validate=PERTURBATIONS[views],
-        encoder=encoder,
+    config = train_config(
+        encoder,
         encoder_options=(
             {"layers": layers, "hidden": hidden, "heads": max(heads, 1), "gat": heads > 0, "self_loops": self_loops}
             if encoder == "paper"
             else {}
         ),
         seed=seed,
+        **({"loss": loss} if loss is not None else {}),
+        **({"perturb": PERTURBATIONS[views], "validate": PERTURBATIONS[views]} if views is not None else {}),
         **({"steps": steps} if steps is not None else {}),
         **({"max_seconds": max_seconds} if max_seconds is not None else {}),
     )

@@ -60,17 +60,23 @@ def free_space_online(graph: SceneGraph, places: Sequence[str], radius_m: float,
 def free_space_all(arrays: GraphArrays, roots: NDArray[np.int64], radius_m: float, bands: Bands) -> NDArray[np.float32]:
     """(B, R) the same around many places of a building at once, equal to `free_space_online`."""
     lengths = arrays.edge_lengths()
-    side = np.full(arrays.n_places, np.inf)
-    for end in arrays.place_edges:
-        np.minimum.at(side, end, lengths)
-    side[np.isinf(side)] = 0.0
-    cells = side * side
+    cells = place_cells(arrays.n_places, arrays.place_edges, lengths)
     by_root, place, distance = many_balls(arrays.n_places, arrays.place_edges, lengths, roots, radius_m)
     starts = np.searchsorted(by_root, np.arange(len(roots) + 1))
     rows = np.zeros((len(roots), len(bands)), dtype=np.float32)
     for i, (start, stop) in enumerate(zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True)):
         rows[i] = free_space(distance[start:stop], cells[place[start:stop]], bands)
     return rows
+
+
+def place_cells(n_places: int, edges: NDArray[np.int64], lengths: Floats) -> Floats:
+    """(P,) area (m²) that each place stands for, given edges (2, E) of lengths (E,) in metres."""
+    side = np.full(n_places, np.inf)
+    for end in edges:
+        np.minimum.at(side, end, lengths)
+    side[np.isinf(side)] = 0.0
+    area: Floats = side * side
+    return area
 
 
 def _cell(neighbours: Mapping[str, float]) -> float:
