@@ -17,6 +17,7 @@ from semloc_core.errors import FileFormatError
 if TYPE_CHECKING:
     from semloc_core.hydra import HydraFile
     from semloc_core.labelspace import Labelspace
+    from semloc_core.model import Model
     from semloc_core.scene_graph import SceneGraph
 
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")]
@@ -28,6 +29,13 @@ LabelspaceOption = Annotated[
         metavar="NAME|FILE",
         help="Classes: a shipped name (uhumans2_office, uhumans2_apartment, coco, mpcat40) or a YAML file; "
         "default: taken from the graph file.",
+    ),
+]
+
+SynonymsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--synonyms", metavar="FILE", help="YAML that joins a detector's names to the map's: {synonyms: {sofa: couch}}."
     ),
 ]
 
@@ -54,6 +62,14 @@ def pick_labelspace(option: str | None) -> Labelspace | None:
     from semloc_core.labelspace import load_labelspace
 
     return load_labelspace(option) if option is not None else None
+
+
+def join_synonyms(model: Model, path: Path | None) -> None:
+    """Let a model know another detector's names; what it answers for its own stays as it is."""
+    from semloc_core.labelspace import load_synonyms
+
+    if path is not None:
+        model.labelspace = model.labelspace.with_synonyms(load_synonyms(path))
 
 
 def read_graph(path: Path, labelspace: Labelspace | None) -> HydraFile:

@@ -11,8 +11,10 @@ import typer
 
 from semloc_core.cli.common import (
     Json,
+    SynonymsOption,
     building_name,
     console,
+    join_synonyms,
     progress,
     read_graph_or_run,
     report_unknown_classes,
@@ -85,6 +87,7 @@ def build(
     model: Annotated[Path, typer.Option("--model", metavar="MODEL", help="The trained encoder.")],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="MAP", help="Where to write the map.")],
     name: Name = None,
+    synonyms: SynonymsOption = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
     """Build a map database: every place of every building, embedded; the file carries the model too."""
@@ -93,6 +96,7 @@ def build(
     if output.exists() and not force:
         raise MapError(f"expected a new file, or --force to replace one (got {output}, which exists)")
     names, loaded, places = _names(inputs, name), Model.load(model), 0
+    join_synonyms(loaded, synonyms)
     with _fresh(output, loaded) as database, progress("embedding places") as bar:
         for i, (path, building) in enumerate(zip(inputs, names, strict=True)):
             bar(i, len(inputs), building)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from semloc_core.cli.common import Json, console, note, report_unknown_classes, show
+from semloc_core.cli.common import Json, SynonymsOption, console, join_synonyms, note, report_unknown_classes, show
 from semloc_core.config import LocaliserConfig, checked, options
 
 _HELP = {option.name: option.description for option in options(LocaliserConfig)}
@@ -25,6 +25,7 @@ def replay(
     explain_rate_hz: Annotated[float, typer.Option(help=_HELP["explain_rate_hz"])] = _DEFAULT.explain_rate_hz,
     accept_probability: Annotated[float, typer.Option(help=_HELP["accept_probability"])] = _DEFAULT.accept_probability,
     filter_: Annotated[str, typer.Option("--filter", metavar="none|bayes", help=_HELP["filter"])] = _DEFAULT.filter,
+    synonyms: SynonymsOption = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the closing table.")] = False,
     json_file: Json = None,
 ) -> None:
@@ -56,7 +57,9 @@ def replay(
         shown_ns[:] = [shown_ns[0] if shown_ns else stamp, stamp]
         console.print(_line(answer, (stamp - shown_ns[0]) / 1e9))
 
-    summary = run_replay(run, load(map_file), config, topic=topic, results=output, on_answer=on_answer)
+    loaded = load(map_file)
+    join_synonyms(loaded.model, synonyms)
+    summary = run_replay(run, loaded, config, topic=topic, results=output, on_answer=on_answer)
     report_unknown_classes(dict(summary.unknown_classes), str(run))
     statuses = ", ".join(f"{count} {name}" for name, count in sorted(summary.statuses.items()))
     console.print(f"{summary.updates} updates: {statuses}")

@@ -258,6 +258,29 @@ def test_a_graph_of_other_classes_is_reported_class_by_class(semloc, office, map
     assert "sofa (11)" in added.err
 
 
+def test_a_synonym_file_joins_a_detectors_names_to_the_maps(semloc, house, model, run, tmp_path):
+    """Else a map made with one detector is useless with another."""
+    text = (house / "office.json").read_text()
+    other = tmp_path / "other.json"
+    other.write_text(text.replace('"couch"', '"love seat"'))
+    synonyms = tmp_path / "synonyms.yaml"
+    synonyms.write_text("synonyms: {love seat: couch}\n")
+    assert "love seat (11)" in semloc("map", "build", other, "--model", model, "-o", tmp_path / "a.map").err
+    joined = semloc("map", "build", other, "--model", model, "-o", tmp_path / "b.map", "--synonyms", synonyms)
+    assert joined.code == 0, joined.err
+    assert "love seat" not in joined.err
+    walked = semloc("bag", "simulate", other, "-o", tmp_path / "other.mcap", "--distance", 5, "--rate", 1)
+    assert walked.code == 0
+    alone = semloc("replay", tmp_path / "other.mcap", "--map", house / "office.map", "-q")
+    assert "love seat" in alone.err
+    told = semloc("replay", tmp_path / "other.mcap", "--map", house / "office.map", "-q", "--synonyms", synonyms)
+    assert "love seat" not in told.err
+    by_map = semloc("replay", tmp_path / "other.mcap", "--map", tmp_path / "b.map", "-q")
+    assert "love seat" not in by_map.err
+    synonyms.write_text("synonyms: {love seat: zeppelin}\n")
+    assert semloc("replay", run, "--map", house / "office.map", "--synonyms", synonyms).code == 2
+
+
 def test_help_teaches_the_whole_way(semloc):
     text = semloc("--help").out
     for word in ("semloc train", "semloc map build", "semloc bag simulate", "semloc replay"):
