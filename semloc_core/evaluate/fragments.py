@@ -8,7 +8,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from semloc_core.encoder.base import Extraction
 from semloc_core.evaluate.walks import Walk
 from semloc_core.geodesic import many_balls
 from semloc_core.graph_arrays import Ints
@@ -23,8 +22,8 @@ def embed_walk(model: Model, walk: Walk) -> NDArray[np.float32]:
     """(T, D) embeddings of the robot's place at each step, as `semloc_core.localiser.Localiser` would have them."""
     extraction = model.encoder.extraction
     if extraction.kind == "reach":
-        stars = stars_along(walk, model.encoder.n_classes, extraction.radius_m)
-        return embed_batch(model, _with_free_space(stars, walk, extraction) if extraction.bands else stars)
+        stars = stars_along(walk, model.encoder.n_classes, extraction.radius_m, extraction.bands)
+        return embed_batch(model, stars)
     rows = []
     for step in range(walk.steps):
         part, place = walk.part(step)
@@ -89,18 +88,6 @@ def surroundings_along(walk: Walk, n_classes: int) -> Surroundings:
     for step in range(walk.steps):
         places[step] = ring_shares(_reached(walk, step, lengths, REACH_M)[1]).sum(axis=0)
     return Surroundings(objects, places)
-
-
-def _with_free_space(stars: Batch, walk: Walk, extraction: Extraction) -> Batch:
-    """The same stars, with the free space known at each step (`semloc_core.place_graph.free_space`)."""
-    edges, lengths = walk.graph.place_edges, walk.graph.edge_lengths()
-    rows = []
-    for step in range(walk.steps):
-        known = walk.seen_places[step][edges].all(axis=0)
-        cells = place_cells(walk.graph.n_places, edges[:, known], lengths[known])
-        at, far = _reached(walk, step, lengths, extraction.radius_m)
-        rows.append(free_space(far, cells[at], extraction.bands))
-    return replace(stars, free_space=torch.from_numpy(np.stack(rows)))
 
 
 _NONE = np.zeros(0, dtype=np.int64)

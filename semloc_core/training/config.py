@@ -44,6 +44,14 @@ class PerturbConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         float,
         Meta(ge=0.0, le=1.0, description="probability that the building's places are sampled anew"),
     ] = 0.0
+    edge_drop_probability: Annotated[
+        float,
+        Meta(
+            ge=0.0,
+            le=1.0,
+            description="probability that a traversability edge is not found, so that ways are longer or none",
+        ),
+    ] = 0.0
     spacing_low: Annotated[
         float,
         Meta(
@@ -155,6 +163,7 @@ NEW_RUN = PerturbConfig(
     false_ratio=0.3,
     mislabel_probability=0.08,
     resample_probability=1.0,
+    edge_drop_probability=0.15,
 )
 """A new run, with more missed and invented than a detector does: what is learned must bear more than it will meet."""
 

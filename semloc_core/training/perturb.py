@@ -33,6 +33,9 @@ def perturb(graph: GraphArrays, labelspace: Labelspace, config: PerturbConfig, r
     if rng.random() < config.resample_probability:
         factor = rng.uniform(config.spacing_low, max(config.spacing_low, config.spacing_high))
         graph = resample_places(graph, factor * place_spacing(graph), rng)
+    if config.edge_drop_probability > 0:
+        found = rng.random(graph.place_edges.shape[1]) >= config.edge_drop_probability
+        graph = replace(graph, place_edges=graph.place_edges[:, found])
     if config.drop_probability > 0:
         graph = graph.with_objects(rng.random(graph.n_objects) >= config.drop_probability)
     deviation = np.hypot(config.mobility_scale * _mobility(graph, labelspace), config.jitter_m)

@@ -196,3 +196,14 @@ def test_a_building_of_no_or_one_place_is_perturbed_without_error(n_places):
     variant = perturb(graph, LABELS, ALL_AT_ONCE, np.random.default_rng(0))
     assert variant.n_places == n_places
     assert place_spacing(variant) == 0.0
+
+
+def test_edges_that_are_not_found_are_dropped_and_nothing_else():
+    graph = corridor()
+    still = PerturbConfig(mobility_scale=0.0, edge_drop_probability=0.5)
+    found = perturb(graph, LABELS, still, np.random.default_rng(0))
+    kept = {tuple(edge) for edge in found.place_edges.T.tolist()}
+    assert kept < {tuple(edge) for edge in graph.place_edges.T.tolist()}
+    assert 8 < len(kept) < 24
+    assert found.place_ids == graph.place_ids
+    assert (found.object_parents == graph.object_parents).all()
