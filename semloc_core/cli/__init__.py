@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from semloc_core import __version__
-from semloc_core.cli import bags, evaluate, explain, introspect, maps, replay, report, train, world
+from semloc_core.cli import bags, bench, evaluate, explain, introspect, maps, replay, report, train, world
 from semloc_core.errors import SemlocError
 
 HELP = """Tells a robot where it is, and why it thinks so, from the semantics of a 3D scene graph.
@@ -63,6 +63,7 @@ app.command("explain")(explain.explain)
 app.command("introspect")(introspect.introspect)
 app.add_typer(evaluate.app, name="evaluate")
 app.add_typer(report.app, name="report")
+app.add_typer(bench.app, name="bench")
 
 
 def main() -> None:

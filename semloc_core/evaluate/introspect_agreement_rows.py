@@ -59,7 +59,7 @@ def explainer_rows(runs: Sequence[Run], methods: Sequence[str]) -> list[Row]:
 
 
 def explainers_w(runs: Sequence[Run], methods: Sequence[str]) -> float:
-    """Kendall's W of the explainers on a run's classes, mean over the runs; NaN for fewer than two, or three classes."""
+    """Kendall's W of the explainers on a run's classes, mean over the runs; NaN for one, or for two classes."""
     tables = [np.array([list(run.scores(method).values()) for method in methods]) for run in runs]
     return _mean([kendall_w(t) for t in tables if t.shape[0] >= 2 and t.shape[1] >= 3])
 

@@ -46,8 +46,8 @@ def integrated_gradients(
     difference = features - start
     path = start + alpha.to(features)[:, None, None] * difference
     similarity, gradient = query.of_features(torch.cat([start[None], features[None], path]))  # the two ends first
-    mean = torch.einsum("k,knc->nc", weight.to(gradient.device), gradient[2:].double())
-    values = (mean * difference).sum(1).index_select(0, query.rows).cpu().numpy()
+    mean = torch.einsum("k,koc->oc", weight.to(gradient.device), gradient[2:].double())
+    values = (mean * difference.index_select(0, query.rows)).sum(1).cpu().numpy()
     gap = float(similarity[1] - similarity[0] - values.sum())
     return query.scores("integrated_gradients", values, completeness_gap=gap)
 

@@ -22,7 +22,7 @@ def saliency(query: SimilarityQuery, *, own_class: bool = False) -> ObjectScores
 
     """
     _, gradient = query.of_features(query.features[None])
-    magnitude = gradient[0].index_select(0, query.rows).abs().double()
+    magnitude = gradient[0].abs().double()
     if own_class:
         magnitude = magnitude * (query.features.index_select(0, query.rows) != 0)
     return query.scores("saliency", magnitude.sum(1).cpu().numpy())

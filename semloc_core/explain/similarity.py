@@ -19,6 +19,7 @@ from torch import Tensor
 from semloc_core.encoder.base import Encoded, Encoder
 from semloc_core.errors import ModelError
 from semloc_core.explain.intrinsic import intrinsic_scores
+from semloc_core.explain.paper_copies import PaperCopies
 from semloc_core.explain.scores import ObjectScores
 from semloc_core.place_graph import Batch, repeat
 
@@ -43,7 +44,7 @@ class Similarity(Protocol):
 
 
 class PerturbedEncoder:
-    """Embeds many variants of one query place at once: their disjoint union is one batch.
+    """Embeds many variants of one query place at once: as one batch, their disjoint union, or by `PaperCopies`.
 
     Args:
         encoder: in eval mode.
@@ -72,6 +73,7 @@ class PerturbedEncoder:
         self._encoder = encoder
         self._portion = max(1, nodes_at_once // max(1, batch.n_nodes))
         self._copies = lru_cache(maxsize=4)(self._make_copies)
+        self._paper = PaperCopies(encoder, self.batch) if PaperCopies.fits(encoder, self.batch) else None
 
     def embed(self, features: Tensor | None = None, keep: Tensor | None = None) -> Tensor:
         """Embed K variants; arguments as of `Similarity`.
@@ -92,7 +94,37 @@ class PerturbedEncoder:
             ]
             return parts[0] if len(parts) == 1 else torch.cat(parts)
 
+    def gradient(self, features: Tensor, target: Tensor, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """Scalar product with a target, and its gradient by the features of some nodes.
+
+        Args:
+            features: (K, N, C) float32.
+            target: (D,) float32.
+            rows: (R,) int64, which nodes.
+
+        Returns:
+            (K,) and (K, R, C), both without a graph of their own.
+
+        Raises:
+            ModelError: as of `embed`.
+
+        """
+        if self._paper is None:
+            with torch.inference_mode(False), torch.enable_grad():
+                leaf = features.detach().clone().requires_grad_(True)
+                values = self.embed(leaf) @ target
+                (gradient,) = torch.autograd.grad(values.sum(), leaf)
+            return values.detach(), gradient[:, rows]
+        starts = range(0, self._check(features, None), self._portion)
+        found = [self._paper.gradient(features[i : i + self._portion], target, rows) for i in starts]
+        return torch.cat([value for value, _ in found]), torch.cat([gradient for _, gradient in found])
+
     def _embed(self, features: Tensor | None, keep: Tensor | None, start: int, stop: int) -> Tensor:
+        if self._paper is not None and not torch.is_grad_enabled():
+            part = slice(start, stop)
+            return self._paper.embed(
+                features[part] if features is not None else None, keep[part] if keep is not None else None
+            )
         copies, order = self._copies(stop - start)
         if features is not None:
             copies = copies.with_features(features[start:stop].flatten(0, 1).index_select(0, order))
@@ -131,6 +163,8 @@ class SimilarityQuery:
         rows: (O,) int64, which nodes the objects are.
         features: (N, C) float32, the query as it is.
         function: the similarity under perturbation; cosine for unit embeddings.
+        gradient: (K, N, C) features -> (K,) similarities and (K, O, C), their gradients by the objects' features; None:
+            by automatic differentiation of ``function``.
         intrinsic: what the model itself says of its objects (attention), where it says anything.
         known: the similarity of the query as it is, where the caller has it already.
 
@@ -141,6 +175,7 @@ class SimilarityQuery:
     rows: Tensor
     features: Tensor
     function: Similarity
+    gradient: Callable[[Tensor], tuple[Tensor, Tensor]] | None = None
     intrinsic: Callable[[], ObjectScores] | None = None
     known: float | None = None
 
@@ -214,6 +249,7 @@ class SimilarityQuery:
             rows=rows,
             features=batch.features,
             function=similarity,
+            gradient=lambda features: perturbed.gradient(features, target, rows),
         )
 
     @property
@@ -264,12 +300,15 @@ class SimilarityQuery:
         return found
 
     def of_features(self, features: Tensor) -> tuple[NDArray[np.float64], Tensor]:
-        """Similarity under K feature matrices (K, N, C), and its gradient by them (K, N, C)."""
+        """Similarity under K feature matrices (K, N, C), and its gradient by the objects' features (K, O, C)."""
+        if self.gradient is not None:
+            values, gradient = self.gradient(features)
+            return values.double().cpu().numpy(), gradient
         with torch.inference_mode(False), torch.enable_grad():
             leaf = features.detach().clone().requires_grad_(True)
             values = self.function(leaf, None)
             (gradient,) = torch.autograd.grad(values.sum(), leaf)
-        return values.detach().double().cpu().numpy(), gradient
+        return values.detach().double().cpu().numpy(), gradient[:, self.rows]
 
     def scores(
         self,
