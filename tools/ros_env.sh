@@ -1,3 +1,4 @@
+# shellcheck shell=bash
 # To be sourced by bash: ROS 2 Jazzy, and a network that nobody else is on.
 # ROS names the installation; RMW_IMPLEMENTATION and ROS_DOMAIN_ID are kept where they are set.
 ros=${ROS:-/opt/ros/jazzy}

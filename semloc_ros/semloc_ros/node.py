@@ -217,9 +217,8 @@ class LocaliserNode(LifecycleNode):
         session = self._session
         if session is None or not session.worker.answering:
             return _refused(response, "expected an active localiser (got an inactive one)")
-        request = wire.ExplainRequest("semloc/explain_request/1", 0, "", 0)
         try:
-            response.message = session.ask(request).result(EXPLAIN_TIMEOUT_S)
+            response.message = session.ask(None).result(EXPLAIN_TIMEOUT_S)
             response.success = wire.decode(response.message, wire.Explanation).error is None
         except (SemlocError, TimeoutError) as error:
             return _refused(response, str(error) or f"no explanation within {EXPLAIN_TIMEOUT_S:.0f} s")

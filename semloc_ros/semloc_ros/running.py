@@ -32,6 +32,8 @@ from semloc_core.errors import SemlocError
 N = TypeVar("N", bound=Node)
 THREADS = 6
 """Updates, questions, diagnostics, parameters and transitions each may wait for something; one to spare."""
+SPIN_S = 0.2
+"""How often the executor looks whether it is to end: `Executor.shutdown` frees what a spinning thread still uses."""
 
 
 def run(
@@ -67,7 +69,8 @@ def run(
 
     def spin() -> None:
         try:
-            executor.spin()
+            while not stop.is_set():
+                executor.spin_once(timeout_sec=SPIN_S)
         except BaseException as error:
             failed.append(error)
         finally:
@@ -79,6 +82,7 @@ def run(
         spinning = threading.Thread(target=spin, name="executor", daemon=True)
         spinning.start()
         stop.wait()
+        spinning.join()
         for error in failed:
             node.get_logger().fatal(f"the node failed: {type(error).__name__}: {error}")
     finally:

@@ -85,15 +85,19 @@ class Session:
         localiser = self.worker.localiser
         self._publishing.map(localiser.map, localiser.config.frame_id, stamp)
 
-    def ask(self, request: wire.ExplainRequest) -> Future[str]:
-        """Have a request answered about the graph as it is now."""
+    def ask(self, request: wire.ExplainRequest | None) -> Future[str]:
+        """Have a request answered about the graph as it is now; None: the last query, by every explainer."""
+        asked = request.query_place if request is not None else None
 
         def locate(localiser: Localiser) -> Located:
             graph = localiser.stream.graph
             # The place is named also where it is the robot's own: a question is no observation of a filter's.
-            return localiser.locate(request.query_place or (graph.query_place if graph is not None else None))
+            return localiser.locate(asked or (graph.query_place if graph is not None else None))
 
         located = self.worker.call(locate)
+        if request is None:
+            query, frame_id = located.query, located.matches.frame_id
+            request = wire.ExplainRequest("semloc/explain_request/1", query.stamp_ns, frame_id, query.seq)
         return self.explaining.ask(located, self.worker.localiser.config, request)
 
     def publish_explanation(self, text: str) -> None:

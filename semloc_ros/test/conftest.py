@@ -61,11 +61,18 @@ def spin():
         executor.add_node(node)
         return node
 
-    thread = threading.Thread(target=executor.spin, daemon=True)
+    stop = threading.Event()
+
+    def turn():
+        while not stop.is_set():
+            executor.spin_once(timeout_sec=0.1)
+
+    thread = threading.Thread(target=turn, daemon=True)
     thread.start()
     yield add
-    executor.shutdown()
+    stop.set()
     thread.join(10)
+    executor.shutdown()
     for node in nodes:
         if hasattr(node, "free"):
             node.free()

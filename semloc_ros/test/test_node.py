@@ -15,7 +15,10 @@
 
 import json
 import math
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import building
 import pytest
@@ -271,7 +274,7 @@ def test_markers_have_stable_ids_and_are_cleared_with_the_map(localiser, client,
     for count, update in enumerate(run[:5], 1):
         side.send(update)
         side.wait_matches(count)
-    wait_for(lambda: len(side.attributions) == 5)
+        wait_for(lambda count=count: len(side.attributions) == count, "attributions")
     wait_for(lambda: any(m.ns == "attributions" for a in side.seen["/localiser/markers"] for m in a.markers))
     drawn = [m for a in list(side.seen["/localiser/markers"]) for m in a.markers]
     assert {"matches", "probabilities", "query", "attributions"} <= {m.ns for m in drawn}
@@ -284,6 +287,19 @@ def test_markers_have_stable_ids_and_are_cleared_with_the_map(localiser, client,
     assert side.set(map=str(assets / "both.map"))[0].successful
     wait_for(lambda: len(side.seen["/localiser/map_markers"]) > count)
     wait_for(lambda: any(a.markers[0].action == Marker.DELETEALL for a in side.seen["/localiser/markers"]))
+
+
+def test_the_publisher_in_the_docs_is_answered(localiser, client):
+    page = (Path(__file__).resolve().parents[2] / "docs" / "ros.md").read_text()
+    code = page.split("```python\n")[1].split("```")[0]
+    localiser()
+    side = client().connect()
+    process = subprocess.Popen([sys.executable, "-c", code])
+    try:
+        assert side.wait_matches(2)[-1].status in ("match", "ambiguous")
+    finally:
+        process.kill()
+        process.wait()
 
 
 # -- maps -----------------------------------------------------------------------------------------------------------
@@ -370,7 +386,8 @@ def test_explain_answers_by_every_explainer(localiser, client):
     assert answer.success, answer.message
     explanation = wire.decode(answer.message, wire.Explanation)
     assert len(explanation.methods) == len(EXPLAINERS)
-    assert explanation.query_place == updates()[0].query_place
+    asked = updates()[0]
+    assert (explanation.query_place, explanation.stamp_ns) == (asked.query_place, asked.stamp_ns)
 
 
 def test_any_pair_can_be_asked_about(localiser, client, assets):
