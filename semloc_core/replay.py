@@ -59,6 +59,7 @@ class ReplaySummary:
         unknown_classes: classes that the map's labelspace lacks -> objects seen of them.
         p50_ms, p99_ms: of decoding, applying, locating and explaining one update, wall time.
         unscored: answers whose ground truth could not be assigned to a building of the map.
+        truth_frames: frames that the ground truth was in.
 
     """
 
@@ -70,6 +71,7 @@ class ReplaySummary:
     p50_ms: float | None = None
     p99_ms: float | None = None
     unscored: int = 0
+    truth_frames: set[str] = field(default_factory=set)
 
 
 class _Truths:
@@ -134,6 +136,7 @@ def replay(
             if message.topic == GROUND_TRUTH_TOPIC:
                 truth = decode_point(message.data)
                 truths.truth(truth.stamp_ns, truth.position, truth.frame_id)
+                summary.truth_frames.add(truth.frame_id)
                 if writer is not None:
                     writer.write_raw(message)
                 continue

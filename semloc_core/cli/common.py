@@ -95,6 +95,8 @@ def report_unknown_classes(unknown: dict[str, int], where: str) -> None:
     if unknown:
         listed = ", ".join(f"{name} ({count})" for name, count in sorted(unknown.items()))
         note(f"{where}: objects of classes that the labelspace lacks are not used: {listed}")
+        if all(name.startswith("class_") for name in unknown):
+            note(f"{where}: it has numbers in place of class names: --labelspace names them")
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,12 +14,19 @@ from semloc_core.errors import ConfigError, GraphError
 
 if TYPE_CHECKING:
     from semloc_core.messages import Explanation, PlaceMatches
+    from semloc_core.scene_graph import SceneGraph
 
 
 def explain(
     map_file: Annotated[Path, typer.Argument(metavar="MAP", help="The map database.")],
     source: Annotated[Path, typer.Argument(metavar="GRAPH|RUN", help="What the robot knows.")],
-    query: Annotated[str, typer.Option("--query", metavar="PLACE", help="The place to ask about.")],
+    query: Annotated[
+        str | None,
+        typer.Option("--query", metavar="PLACE", help="The place to ask about; default: where a RUN ends."),
+    ] = None,
+    near: Annotated[
+        str | None, typer.Option("--near", metavar="X,Y[,Z]", help="Ask about the place nearest to this point (m).")
+    ] = None,
     place: Annotated[
         str | None, typer.Option("--place", metavar="PLACE", help="The map place to explain; default: the top match.")
     ] = None,
@@ -43,8 +51,7 @@ def explain(
     check_methods(chosen or [])
     loaded = load(map_file)
     graph = read_graph_or_run(source, loaded.model.labelspace)
-    if query not in graph.places:
-        raise GraphError(f"expected --query to name one of the graph's {len(graph.places)} places (got {query})")
+    query = _query_place(graph, query, near)
     localiser = Localiser(loaded)
     result = localiser.update(graph.to_update(seq=0, stamp_ns=0, frame_id="query", query_place=query))
     assert result.located is not None
@@ -62,6 +69,33 @@ def explain(
         json_file.write_bytes(b"[" + b",".join(parts) + b"]\n")
 
 
+def _query_place(graph: SceneGraph, query: str | None, near: str | None) -> str:
+    """The place that the options mean."""
+    if near is not None:
+        if query is not None:
+            raise ConfigError("expected --query or --near (got both)")
+        try:
+            point = [float(value) for value in near.split(",")]
+        except ValueError:
+            point = []
+        if len(point) not in (2, 3) or not all(math.isfinite(value) for value in point):
+            raise ConfigError(f"expected --near as X,Y or X,Y,Z in metres (got {near})")
+        if not graph.places:
+            raise GraphError("expected a graph with places (got none)")
+        return min(graph.places, key=lambda id_: (math.dist(graph.places[id_][: len(point)], point), id_))
+    if query is None:
+        query = graph.query_place
+        if query is None:
+            raise ConfigError(
+                "expected --query PLACE or --near X,Y (got neither, and the graph says no place of its own)"
+            )
+    if query not in graph.places:
+        raise GraphError(
+            f"expected --query to name one of the graph's {len(graph.places)} places, or --near X,Y (got {query})"
+        )
+    return query
+
+
 def _print_matches(matches: PlaceMatches, query: str, reason: str) -> None:
     console.print(f"place {query}: {matches.status} {reason}".rstrip())
     for match in matches.matches:
@@ -73,9 +107,7 @@ def _print_matches(matches: PlaceMatches, query: str, reason: str) -> None:
 
 
 def _print_explanation(explanation: Explanation) -> None:
-    console.print(
-        f"why {explanation.match_map} {explanation.match_place} (similarity {explanation.similarity:.4f}):"
-    )
+    console.print(f"why {explanation.match_map} {explanation.match_place} (similarity {explanation.similarity:.4f}):")
     for said in explanation.methods:
         console.print(f"  {said.method}")
         for row in said.classes:

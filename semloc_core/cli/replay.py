@@ -66,6 +66,9 @@ def replay(
     dropped = {k: v for k, v in sorted(summary.counts.items()) if k != "applied" and v}
     if dropped:
         note("updates not applied: " + ", ".join(f"{count} {name}" for name, count in dropped.items()))
+    if summary.truth_frames - set(loaded.buildings) and not summary.unscored:
+        frames = ", ".join(sorted(summary.truth_frames))
+        note(f"the ground truth is in frame {frames}; scored as if that were building {loaded.buildings[0]}")
     if summary.unscored:
         note(f"{summary.unscored} answers not scored: the ground truth names no building of this map")
     rows = [{**row, "p50_ms": None, "p99_ms": None} for row in summary.rows]
@@ -84,7 +87,8 @@ def _line(answer: object, seconds: float) -> str:
     assert isinstance(answer, Answer)
     matches, why = answer.matches, ""
     if answer.attributions is not None:
-        why = "  because " + ", ".join(f"{c.class_} {c.share:.0%}" for c in answer.attributions.classes[:4])
+        named = [c for c in answer.attributions.classes[:4] if c.share >= 0.005]
+        why = "  because " + ", ".join(f"{c.class_} {c.share:.0%}" for c in named)
     if not matches.matches:
         return f"{seconds:7.1f} s  {matches.status}"
     best = matches.matches[0]

@@ -99,6 +99,27 @@ def test_from_graph_to_explained_answer(semloc, office, map_file, run, tmp_path)
     assert str(place) in explained.out
 
 
+def test_a_place_is_asked_about_by_id_by_point_or_as_where_the_run_ends(semloc, office, map_file, run):
+    by_point = semloc("explain", map_file, office, "--near", "3,4", "--methods", "attention")
+    assert by_point.code == 0, by_point.err
+    place = by_point.out.split()[1].rstrip(":")
+    by_id = semloc("explain", map_file, office, "--query", place, "--methods", "attention")
+    assert by_id.out == by_point.out
+    assert semloc("explain", map_file, run, "--methods", "attention").code == 0
+    for words in ((), ("--near", "here"), ("--near", "1"), ("--near", "nan,0"), ("--near", "1,2", "--query", place)):
+        assert semloc("explain", map_file, office, *words).code == 2, words
+
+
+def test_a_run_of_another_frame_is_said_to_be_scored_as_this_building(semloc, house, map_file, tmp_path):
+    """A run through another building would else pass for a bad score in this one."""
+    other = shutil.copy(house / "office.json", tmp_path / "elsewhere.json")
+    assert semloc("bag", "simulate", other, "-o", tmp_path / "r.mcap", "--distance", 3, "--rate", 1).code == 0
+    assert (
+        "frame elsewhere; scored as if that were building office"
+        in semloc("replay", tmp_path / "r.mcap", "--map", map_file, "-q").err
+    )
+
+
 @pytest.mark.parametrize("filter_", ["none", "bayes"])
 def test_a_replay_gives_the_same_bytes_again(filter_, semloc, map_file, run, tmp_path):
     for name in ("a.mcap", "b.mcap"):
