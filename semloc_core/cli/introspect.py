@@ -34,12 +34,18 @@ def introspect(
         int | None, typer.Option("--places", min=1, help="Explain so many places, drawn at random; default: all.")
     ] = None,
     steps: Annotated[int | None, typer.Option("--steps", min=1, help="Training steps; default as in training.")] = None,
+    traversals: Annotated[
+        bool,
+        typer.Option("--traversals/--no-traversals", help="Test the third hypothesis: two more trainings a seed."),
+    ] = True,
     seed: Seed = 0,
     json_file: Json = None,
 ) -> None:
     """Train, explain every place, remove every class: which classes matter, by whom, and who can be trusted."""
+    from semloc_core.evaluate.hypotheses import overall
     from semloc_core.evaluate.introspect import introspect as study
     from semloc_core.evaluate.introspect_rows import ranking_rows
+    from semloc_core.evaluate.mobility_study import MOVED_M
     from semloc_core.evaluate.table import document, print_table
     from semloc_core.explain.explainers import EXPLAINERS, check_methods
     from semloc_core.graph_arrays import GraphArrays
@@ -62,6 +68,7 @@ def introspect(
             config=config,
             methods=chosen,
             n_places=places,
+            moved_m=MOVED_M if traversals else None,
             progress=bar,
         )
     table = ranking_rows(found.runs, chosen)
@@ -73,8 +80,17 @@ def introspect(
         title="agreement",
         console=console,
     )
+    deciding = [row for row in found.hypotheses if row["decides"]]
+    print_table(
+        [{k: v for k, v in row.items() if k not in ("null", "decides")} for row in deciding],
+        title="hypotheses",
+        console=console,
+    )
+    for number, said in overall(found.hypotheses).items():
+        console.print(f"hypothesis {number}: {said}")
     if json_file is not None:
-        json_file.write_bytes(document("introspect", seed, [str(graph)], [*table, *found.rows]))
+        rows = [*table, *found.rows, *found.hypotheses]
+        json_file.write_bytes(document("introspect", seed, [str(graph)], rows))
     if output is not None:
         from semloc_core.report.introspection_report import introspection_page
 

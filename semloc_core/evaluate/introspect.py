@@ -12,9 +12,11 @@ from dataclasses import dataclass, field
 import msgspec
 import numpy as np
 
+from semloc_core.evaluate.hypotheses import hypothesis_rows
 from semloc_core.evaluate.introspect_agreement_rows import agreement_rows
 from semloc_core.evaluate.introspect_rows import table_rows
 from semloc_core.evaluate.introspect_run import SHIFT_PLACES, Run, introspect_run
+from semloc_core.evaluate.mobility_study import MOVED_M, PLACES, mobility_study
 from semloc_core.evaluate.office import SEEDS, office_variants
 from semloc_core.evaluate.rows import Progress, Row, no_progress
 from semloc_core.explain.explainers import EXPLAINERS
@@ -30,6 +32,7 @@ class Introspection:
     runs: Sequence[Run]
     methods: Sequence[str]
     rows: list[Row] = field(default_factory=list)
+    hypotheses: list[Row] = field(default_factory=list)
 
 
 def introspect(
@@ -42,6 +45,7 @@ def introspect(
     methods: Sequence[str] = tuple(EXPLAINERS),
     n_places: int | None = None,
     shift_places: int = SHIFT_PLACES,
+    moved_m: float | None = MOVED_M,
     progress: Progress = no_progress,
 ) -> Introspection:
     """Train once for each seed, and put each model through the study.
@@ -55,6 +59,8 @@ def introspect(
         methods: explainers.
         n_places: how many places are explained, drawn at random by the seed; None: all.
         shift_places: how many places the shift is measured on.
+        moved_m: how far objects move between the traversals of the third hypothesis; None: it is not tested, which
+            saves two trainings a run.
         progress: told of every step.
 
     """
@@ -82,7 +88,18 @@ def introspect(
                 words=f"run {number}",
             )
         )
-    return Introspection(runs, methods, table_rows(runs, methods) + agreement_rows(runs, methods))
+    moving = []
+    if moved_m is not None:
+        moving = mobility_study(
+            arrays, labelspace, seeds=seeds, config=config, methods=methods, moved_m=moved_m,
+            n_places=min(PLACES, n_places or PLACES), progress=progress,
+        )  # fmt: skip
+    return Introspection(
+        runs,
+        methods,
+        table_rows(runs, methods) + agreement_rows(runs, methods),
+        hypothesis_rows(runs, methods, moving) if methods else [],
+    )
 
 
 def _drawn(places: int, wanted: int | None, seed: int) -> list[int] | None:

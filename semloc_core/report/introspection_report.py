@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from semloc_core import __version__
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.evaluate.introspect import Introspection
 from semloc_core.evaluate.introspect_run import ABLATION
 from semloc_core.evaluate.introspect_views import matrices, typical_query
 from semloc_core.report import introspection_sections as sections
-from semloc_core.report.page import Fact, Section, page
+from semloc_core.report.hypotheses_section import hypotheses
+from semloc_core.report.page import Fact, page
 
 INTRODUCTION = (
     "A localiser tells a robot where it is by comparing the objects around it (a couch, a plant, …) with those around "
@@ -46,13 +45,12 @@ TERMS = (
 )
 
 
-def introspection_page(found: Introspection, name: str, extra: Sequence[Section] = ()) -> str:
+def introspection_page(found: Introspection, name: str) -> str:
     """The page as HTML text: the same bytes for the same study.
 
     Args:
         found: the study.
         name: what to call the graph.
-        extra: further sections, put before the pictures of places.
 
     """
     runs, methods = found.runs, list(found.methods)
@@ -65,7 +63,7 @@ def introspection_page(found: Introspection, name: str, extra: Sequence[Section]
         sections.fidelity(runs),
         sections.agreement(runs, methods),
         sections.frequency(runs, methods),
-        *extra,
+        *([hypotheses(found.hypotheses)] if found.hypotheses else []),
         sections.plan(first, typical_query(first)),
         sections.place_query_matrices(of_places),
     ]

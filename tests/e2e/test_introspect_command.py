@@ -14,9 +14,10 @@ from semloc_core.world import OfficeConfig, make_office, write_world
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    """The command's exit status, page and figures on a small office, after a short training."""
+    """The command's page and figures on an office of few places, after a short training."""
     folder = tmp_path_factory.mktemp("study")
-    write_world(folder / "office.json", make_office(OfficeConfig(), np.random.default_rng(1)))
+    sparse = OfficeConfig(spacing_m=(1.8, 2.2), max_edge_m=4.0)
+    write_world(folder / "office.json", make_office(sparse, np.random.default_rng(1)))
     words = ["semloc", "introspect", str(folder / "office.json"), "-o", str(folder / "page.html")]
     words += ["--json", str(folder / "figures.json"), "--seeds", "2", "--steps", "2", "--places", "4"]
     before, sys.argv = sys.argv, words
@@ -48,9 +49,10 @@ def test_the_page_has_every_figure_of_the_paper(study):
     page, _ = study
     found = Found()
     found.feed(page)
-    assert {"rankings", "importance", "shift", "fidelity", "agreement", "frequency", "plan", "matrices"} <= set(
+    assert {"rankings", "importance", "shift", "fidelity", "agreement", "frequency", "hypotheses"} <= set(
         found.sections
     )
+    assert {"plan", "matrices"} <= set(found.sections)
     assert {"importance", "shift", "fidelity", "plan", "matrices"} <= set(found.drawings)
     assert all(found.drawings.values())  # each picture says in words what it is
     assert page.count("<summary>The figures</summary>") == len(found.sections)  # each brings its own numbers
@@ -76,3 +78,14 @@ def test_the_figures_are_those_of_the_table(study):
         assert {str(rank): name for rank, name in ranked.items()} == {k: line[k] for k in line if k.isdigit()}
     assert {row["run"] for row in rows if "budget" in row} == {1, 2}
     assert any("kendall_w" in row for row in rows)
+
+
+def test_each_hypothesis_has_a_verdict_with_an_interval(study):
+    page, figures = study
+    rows = [row for row in figures["rows"] if "hypothesis" in row]
+    assert {row["hypothesis"] for row in rows} == {1, 2, 3}
+    for row in rows:
+        low, high, null = row["figure_low"], row["figure_high"], row["null"]
+        assert low is None or (row["verdict"] == "undecided") == (low <= null <= high)
+        assert low is None or low <= row["figure"] <= high or row["verdict"] == "undecided"
+    assert re.search(r"\(1\) [^;]*: (supported|refuted|undecided);", page)

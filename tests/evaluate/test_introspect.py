@@ -167,7 +167,7 @@ def test_the_whole_study_trains_explains_and_repeats():
 
     def study():
         return introspect(
-            arrays, SPACE, seeds=(0, 1), config=config, methods=["attention", "saliency"], shift_places=2,
+            arrays, SPACE, seeds=(0, 1), config=config, methods=["attention", "saliency"], shift_places=2, moved_m=None,
             progress=lambda done, total, words: told.append(words),
         )  # fmt: skip
 
