@@ -23,6 +23,7 @@ from semloc_core.cli.common import (
 from semloc_core.errors import MapError
 
 if TYPE_CHECKING:
+    from semloc_core.evaluate.rows import Row
     from semloc_core.map_database import MapDatabase
     from semloc_core.model import Model
 
@@ -105,8 +106,14 @@ def build(
 
 
 @app.command("info")
-def info(map_file: MapFile, json_file: Json = None) -> None:
-    """Say what is in a map: buildings, places, classes, model, hashes."""
+def info(
+    map_file: MapFile,
+    aliasing: Annotated[
+        bool, typer.Option("--aliasing/--no-aliasing", help="Say how many places class labels can tell apart.")
+    ] = True,
+    json_file: Json = None,
+) -> None:
+    """Say what is in a map: buildings, places, classes, model, hashes; and what its labels can tell apart."""
     from semloc_core.map_database import describe
 
     facts = describe(map_file)
@@ -119,10 +126,37 @@ def info(map_file: MapFile, json_file: Json = None) -> None:
         {"method": model["name"], "scope": b["name"], "places": b["places"], "objects": b["objects"]}
         for b in facts["buildings"]
     ]
-    show("map info", 0, [map_file], rows, json_file, title="buildings")
+    alike = _aliasing(map_file) if aliasing else []
+    show("map info", 0, [map_file], rows, None, title="buildings")
     for building in facts["buildings"]:
         classes = ", ".join(f"{name} {count}" for name, count in building["classes"].items())
         console.print(f"{building['name']}: {classes or 'no objects'}")
+    if alike:
+        show("map info", 0, [map_file], alike, None, title="aliasing: what class labels can tell apart")
+        console.print(
+            "colours: kinds of places that no encoder of labels can split; alone: places of a kind of their own; far "
+            "aliases: places alike to one more than 4 m away; the ceiling is of success@1, the query a place as mapped"
+        )
+    elif aliasing:
+        console.print(f"{model['name']} reads distances too: labels set no ceiling to what it can tell apart")
+    if json_file is not None:
+        from semloc_core.evaluate.table import document
+
+        json_file.write_bytes(document("map info", 0, [str(map_file)], [*rows, *alike]))
+
+
+def _aliasing(map_file: Path) -> list[Row]:
+    """A row a building, and one for all together where there are several."""
+    from semloc_core.evaluate.aliasing import map_aliasing
+    from semloc_core.graph_arrays import GraphArrays
+    from semloc_core.map_database import load
+
+    loaded = load(map_file)
+    space, encoder = loaded.model.labelspace, loaded.model.encoder
+    buildings = [GraphArrays.from_scene_graph(loaded.graph(name), space, name) for name in loaded.buildings]
+    scopes = [(arrays.name, [arrays]) for arrays in buildings] + ([("all", buildings)] if len(buildings) > 1 else [])
+    found = [(scope, map_aliasing(encoder, some, len(space))) for scope, some in scopes]
+    return [one.row(encoder.name, scope) for scope, one in found if one is not None]
 
 
 @app.command("add")
