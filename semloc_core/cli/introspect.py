@@ -72,7 +72,10 @@ def introspect(
             progress=bar,
         )
     table = ranking_rows(found.runs, chosen)
-    print_table(table, title="classes by falling importance (Table IV)", console=console)
+    console.print("classes by falling importance (Table IV)")
+    for row in table:  # a line each, because class names are long
+        ranked = [str(value) for name, value in row.items() if name not in ("method", "scope")]
+        console.print(f"  {row['method']:22}{row['scope']:8}{' > '.join(ranked)}")
     at_budget = [row for row in found.rows if row.get("budget") == 0.3]
     print_table(at_budget, title="fidelity at a budget of 0.3", console=console)
     print_table(

@@ -13,7 +13,7 @@ from semloc_core.report.colours import INK, SCALE, styles
 from semloc_core.report.drawing import WIDTH, bare, figure, shown
 
 Floats = NDArray[np.float64]
-CONTROL_LINE = (0, (1, 1.5))
+CONTROL_LINES: tuple[tuple[int, tuple[float, ...]], ...] = ((0, (1, 1.5)), (0, (4, 2.5)), (0, (6, 2, 1, 2)))
 
 
 def matrices_figure(matrices: Mapping[str, ArrayLike]) -> Figure:
@@ -101,6 +101,8 @@ def fidelity_figure(budgets: ArrayLike, curves: Mapping[str, FidelityCurves]) ->
     """
     rho = np.asarray(budgets, dtype=np.float64)
     look = styles([name for name, curve in curves.items() if not curve.control])
+    controls = [name for name, curve in curves.items() if curve.control]
+    faint = {name: CONTROL_LINES[i % len(CONTROL_LINES)] for i, name in enumerate(controls)}
     panels = (
         ("necessity", "Δ⁺ (higher is better)"),
         ("sufficiency", "Δ⁻ (lower is better)"),
@@ -116,7 +118,7 @@ def fidelity_figure(budgets: ArrayLike, curves: Mapping[str, FidelityCurves]) ->
                 assert values.shape == rho.shape, (name, attribute, values.shape)
                 gid = f"{attribute}-{number}"
                 if curve.control:
-                    line = axes.plot(rho, values, color=INK, alpha=0.55, ls=CONTROL_LINE, lw=1.3, gid=gid)[0]
+                    line = axes.plot(rho, values, color=INK, alpha=0.55, ls=faint[name], lw=1.3, gid=gid)[0]
                 else:
                     style = look[name]
                     line = axes.plot(

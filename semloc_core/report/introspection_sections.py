@@ -163,7 +163,7 @@ def fidelity(runs: Sequence[Run]) -> Section:
         "Take away the objects that an explainer puts first and the similarity should fall (necessity); keep "
         "only them and "
         f"it should stay (sufficiency); the score sums up both. At a budget of {BUDGET:g}, {best} is best with "
-        f"{score[best]:.3f}; {said}. Dotted lines are controls: random, and the first explainer upside down.",
+        f"{score[best]:.3f}; {said}. Faint lines are controls: random, and the first explainer upside down.",
         to_svg(
             fidelity_figure(
                 budgets,
@@ -276,6 +276,7 @@ def agreement(runs: Sequence[Run], methods: Sequence[str]) -> Section:
             Table("Kendall's W over the runs; Spearman's ρ with ablation over classes and runs", rows),
             Table("Spearman's ρ between the methods' class scores, mean over runs", explainer_rows(runs, methods)),
         ],
+        wide=True,
         open=True,
     )
 
