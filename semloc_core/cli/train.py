@@ -70,7 +70,7 @@ def train(
     space = chosen or union([f.labelspace for f in files if f.labelspace is not None])
     for path, file in zip(graphs, files, strict=True):
         report_unknown_classes(count_unknown(file.graph, space), str(path))
-    if chosen is None and all(name.startswith("class_") for name in space.classes):
+    if chosen is None and space.classes and all(name.startswith("class_") for name in space.classes):
         note("the graphs have numbers in place of class names; if you know which classes they are, use --labelspace")
     arrays = [
         GraphArrays.from_scene_graph(f.graph, space, building_name(p)) for p, f in zip(graphs, files, strict=True)
