@@ -101,19 +101,19 @@ def repair(
     for place in before:
         del distances[place]
     heap: list[tuple[float, str]] = []
+    # Only what may come to stand goes on the heap: where everything borders on everything, the rest fills it.
     for place in list(before):
-        for other, length in neighbours.get(place, {}).items():
-            through = known(other, infinity) + length
-            if through <= radius_m:
-                heappush(heap, (through, place))
+        nearest = min((known(u, infinity) + w for u, w in neighbours.get(place, {}).items()), default=infinity)
+        if nearest <= radius_m:
+            heappush(heap, (nearest, place))
     for place in touched:
-        if place in distances:
+        if (at := known(place)) is not None:
             for other, length in neighbours[place].items():
-                heappush(heap, (distances[place] + length, other))
+                through = at + length
+                if through <= radius_m and through < known(other, infinity):
+                    heappush(heap, (through, other))
     while heap:
         distance, place = heappop(heap)
-        if distance > radius_m:
-            break
         if distance >= known(place, infinity):
             continue
         before.setdefault(place, known(place))
