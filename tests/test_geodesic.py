@@ -1,4 +1,4 @@
-"""The cost of a repair: a place that moves where everything borders on everything must not cost more than starting anew.
+"""The cost of a repair: a move where everything borders on everything must not cost more than starting anew.
 
 What a repair gives is tested with visibility, against balls made from nothing.
 """
