@@ -11,26 +11,30 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""`ros2 run semloc_ros hydra_bridge`: what Hydra publishes, as scene-graph updates.
+"""`ros2 run semloc_ros hydra_bridge`: what Hydra publishes (`hydra_msgs/DsgUpdate`), as scene-graph updates.
 
 Needs ``hydra_msgs`` and ``spark_dsg``; only `main` imports them, so that the rest of the package does without.
 """
 
 from __future__ import annotations
 
+import logging
 import sys
-import time
+from collections import deque
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any
 
 import msgspec
 from msgspec import Meta
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from std_msgs.msg import String
 
 from semloc_core.errors import SemlocError
 from semloc_core.graph_delta import GraphDeltas
-from semloc_core.hydra import HydraFile, from_spark_dsg
+from semloc_core.hydra import AgentPose, HydraFile, from_spark_dsg
 from semloc_core.labelspace import Labelspace, load_labelspace
+from semloc_core.scene_graph import SceneGraph
 from semloc_core.wire import SceneGraphUpdate
 from semloc_ros import conversions, qos
 from semloc_ros.parameters import declare, read
@@ -60,54 +64,102 @@ class DsgStream:
         self._full_every_ns = round(full_every_s * 1e9)
         self._deltas = GraphDeltas()
         self._full_ns: int | None = None
-        self._graph: Any = None
+        self._graph: SceneGraph | None = None
+        self._agents: dict[str, AgentPose] = {}
+        self._number = 0
+        self.dropped: dict[str, int] = {}
+        """What of the latest message could not be used: reason -> how many nodes and edges."""
 
-    def update(self, contents: bytes, full: bool, stamp_ns: int, frame_id: str) -> SceneGraphUpdate | None:
+    def update(
+        self,
+        contents: bytes,
+        full: bool,
+        stamp_ns: int,
+        frame_id: str,
+        deleted_nodes: Iterable[int] = (),
+        deleted_edges: Iterable[int] = (),
+        number: int = 0,
+    ) -> SceneGraphUpdate | None:
         """Take a message in.
 
         Args:
             contents: spark_dsg's binary form.
-            full: it is a whole graph; else a change of the one before.
+            full: it is the whole graph; else what is new in it, and the rest stays as it is. Hydra itself sends
+                nothing but whole graphs.
             stamp_ns: of the message.
             frame_id: of the positions.
+            deleted_nodes: ids of nodes that are gone, where it is not the whole graph.
+            deleted_edges: likewise; the ends of one edge after those of the other.
+            number: counts messages; 0 where the sender does not count.
 
         Returns:
             The update to publish; None while there is no whole graph yet.
 
         Raises:
-            SemlocError: spark_dsg can't read it.
+            SemlocError: spark_dsg can't read it, it does not fit the graph, or one before it was lost: there is no
+                graph until the next whole one.
 
         """
+        known, last = self._graph, self._number
+        if not full and known is None:
+            return None
+        self._graph, self._number = None, number  # for good, if anything below fails
+        if not full and number and number != last + 1:
+            raise SemlocError(f"expected change {last + 1} of the scene graph (got {number}): waiting for a whole one")
+        part = self._read(contents)
+        self.dropped = part.dropped
+        agents = {agent.id: agent for agent in part.agents}
+        if full or known is None:
+            self._graph, self._agents = part.graph, agents
+        else:
+            gone = [str(node) for node in deleted_nodes]
+            ends = [str(node) for node in deleted_edges]
+            self._graph = amended(known, part.graph, gone, list(zip(ends[::2], ends[1::2], strict=False)))
+            self._agents = {i: a for i, a in self._agents.items() if i not in gone} | agents
+        before = self._full_ns
+        due = before is None or not before <= stamp_ns < before + self._full_every_ns
+        if due:
+            self._full_ns = stamp_ns
+        return self._deltas.update(self._graph, stamp_ns, frame_id, query_place(self._graph, self._agents), full=due)
+
+    def _read(self, contents: bytes) -> HydraFile:
         import spark_dsg
 
         try:
-            if full or self._graph is None:
-                if not full:
-                    return None
-                self._graph = spark_dsg.DynamicSceneGraph.from_binary(contents)
-            else:
-                self._graph.update_from_binary(contents)
-        except (RuntimeError, ValueError) as error:
-            self._graph = None  # until the next whole one
-            raise SemlocError(f"expected a scene graph in spark_dsg's binary form (got: {error})") from error
-        file = from_spark_dsg(self._graph, self._labelspace)
-        last = self._full_ns
-        due = last is None or not last <= stamp_ns < last + self._full_every_ns
-        if due:
-            self._full_ns = stamp_ns
-        return self._deltas.update(file.graph, stamp_ns, frame_id, query_place(file), full=due)
+            graph = spark_dsg.DynamicSceneGraph.from_binary(contents)
+        except (RuntimeError, ValueError, IndexError, MemoryError) as error:
+            reason = " ".join(str(error).split())
+            raise SemlocError(f"expected a scene graph in spark_dsg's binary form (got: {reason})") from error
+        return from_spark_dsg(graph, self._labelspace)
 
 
-def query_place(file: HydraFile) -> str | None:
+def amended(
+    graph: SceneGraph, part: SceneGraph, gone_nodes: list[str], gone_edges: list[tuple[str, str]]
+) -> SceneGraph:
+    """A graph with a part of it new, and some of it gone; the graph given is left as it is.
+
+    Raises:
+        GraphError: the part does not fit.
+
+    """
+    whole = SceneGraph.from_update(graph.to_update(0, 0, ""))
+    change = part.to_update(0, 0, "")
+    fields = {name: getattr(change, name) for name in change.__struct_fields__}
+    news = fields | {"full": False, "removed_nodes": gone_nodes, "removed_edges": gone_edges}
+    whole.apply(SceneGraphUpdate(**news))
+    return whole
+
+
+def query_place(graph: SceneGraph, agents: Mapping[str, AgentPose]) -> str | None:
     """The place of the latest agent pose: as the graph says, else the nearest one; None without poses or places."""
-    if not file.agents or not file.graph.places:
+    if not agents or not graph.places:
         return None
-    latest = file.agents[-1]
-    if latest.place is not None and latest.place in file.graph.places:
+    latest = max(agents.values(), key=lambda pose: (pose.stamp_ns, int(pose.id)))
+    if latest.place is not None and latest.place in graph.places:
         return latest.place
     x, y, z = latest.position
     return min(
-        file.graph.places.items(),
+        graph.places.items(),
         key=lambda item: ((item[1][0] - x) ** 2 + (item[1][1] - y) ** 2 + (item[1][2] - z) ** 2, item[0]),
     )[0]
 
@@ -121,23 +173,49 @@ class Bridge(Node):
         config: BridgeConfig = read(self, BridgeConfig)
         space = load_labelspace(config.labelspace) if config.labelspace else None
         self._stream = DsgStream(space, config.full_every_s)
+        self._waiting: deque[Any] = deque()
+        self._dropped: dict[str, int] = {}
+        logging.getLogger("semloc_core.hydra").setLevel(logging.ERROR)  # what is dropped is said below, once
         self._publisher = self.create_publisher(String, "scene_graph", qos.UPDATES)
+        # Messages are taken in while one is worked on, so that of whole graphs only the latest waits.
+        self._there_is_work = self.create_guard_condition(self._work, MutuallyExclusiveCallbackGroup())
         self.create_subscription(message_type, "dsg", self._on_dsg, qos.LATEST)
 
     def _on_dsg(self, message: Any) -> None:
+        if message.full_update:
+            self._waiting.clear()
+        self._waiting.append(message)
+        self._there_is_work.trigger()
+
+    def _work(self) -> None:
+        while self._waiting:
+            try:
+                message = self._waiting.popleft()
+            except IndexError:  # a whole graph is just taking its place
+                return
+            self._convert(message)
+
+    def _convert(self, message: Any) -> None:
         stamp = message.header.stamp
-        stamp_ns = stamp.sec * conversions.NS_PER_S + stamp.nanosec
-        started = time.monotonic()
         try:
             update = self._stream.update(
-                bytes(message.layer_contents), message.full_update, stamp_ns, message.header.frame_id
+                bytes(message.layer_contents),
+                message.full_update,
+                stamp.sec * conversions.NS_PER_S + stamp.nanosec,
+                message.header.frame_id,
+                message.deleted_nodes,
+                message.deleted_edges,
+                message.sequence_number,
             )
+            if update is not None:
+                self._publisher.publish(conversions.string(update))
         except SemlocError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=1.0)
             return
-        if update is not None:
-            self._publisher.publish(conversions.string(update))
-            self.get_logger().debug(f"update {update.seq} in {1e3 * (time.monotonic() - started):.0f} ms")
+        if self._stream.dropped != self._dropped:
+            self._dropped = self._stream.dropped
+            listed = ", ".join(f"{count} × {reason}" for reason, count in self._dropped.items())
+            self.get_logger().info(f"dropped of the scene graph: {listed or 'nothing'}")
 
 
 def main() -> int:

@@ -23,8 +23,11 @@ import pytest
 SCENES = Path(__file__).parent / "processes"
 
 
-@pytest.mark.parametrize("name", ["pipeline", "robots", "swap", "bags"])
+@pytest.mark.parametrize("name", ["pipeline", "robots", "swap", "bags", "hydra"])
 def test_scene(assets, name, tmp_path):
+    if name == "hydra":
+        pytest.importorskip("hydra_msgs")
+        pytest.importorskip("spark_dsg")
     found = subprocess.run(["ros2", "pkg", "executables", "semloc_ros"], capture_output=True, text=True, check=False)
     assert "semloc_ros localiser" in found.stdout, "expected the built workspace to be sourced"
     environment = os.environ | {

@@ -300,31 +300,55 @@ def test_hydras_binary_form_arrives_as_updates(assets):
     assert (second.full, second.removed_nodes, second.seq) == (False, [gone], 1)
     assert receiver.apply(second)[0] is Outcome.APPLIED
     assert gone not in receiver.graph.objects
-    graph.remove_node(int(sorted(building.corridor().objects)[5]))
-    third = stream.update(graph.to_binary(), False, 2_000_000_000, "map")  # as a change of the last one
-    assert receiver.apply(third)[0] is Outcome.APPLIED
-    assert len(receiver.graph.objects) == 58
     assert stream.update(graph.to_binary(), True, 6_000_000_000, "map").full  # one is due again
     with pytest.raises(SemlocError, match="binary form"):
         stream.update(b"nonsense", True, 7_000_000_000, "map")
+    assert stream.update(graph.to_binary(), False, 8_000_000_000, "map") is None  # what it changes is not known
+
+
+def test_a_part_of_hydras_graph_leaves_the_rest_as_it_is(assets):
+    spark_dsg = pytest.importorskip("spark_dsg")
+    from semloc_ros.hydra_bridge import DsgStream
+
+    home = building.corridor()
+    graph = spark_dsg.DynamicSceneGraph.load(str(assets / "home.json"))
+    stream, receiver = DsgStream(None, 5.0), UpdateStream()
+    receiver.apply(stream.update(graph.to_binary(), True, 0, "map", number=1))
+
+    places, objects = sorted(home.places), sorted(home.objects)
+    moved, gone, edge = objects[0], objects[1], (places[3], places[4])
+    for node in [*home.places, *objects[1:]]:
+        graph.remove_node(int(node))
+    graph.get_node(int(moved)).attributes.position = [1.0, 2.0, 3.0]
+    change = stream.update(graph.to_binary(), False, 1, "map", [int(gone)], [int(node) for node in edge], number=2)
+    receiver.apply(change)
+    after = receiver.graph
+    assert after.objects.keys() == home.objects.keys() - {gone}
+    assert after.objects[moved].position == (1.0, 2.0, 3.0)
+    assert after.parents[moved] == home.parents[moved]
+    assert after.places == home.places
+    assert (edge[1] in home.neighbours[edge[0]], edge[1] in after.neighbours[edge[0]]) == (True, False)
+
+    with pytest.raises(SemlocError, match="expected change 3"):
+        stream.update(graph.to_binary(), False, 2, "map", number=4)
+    assert stream.update(graph.to_binary(), False, 3, "map", number=5) is None
 
 
 def test_the_query_place_is_that_of_the_latest_pose():
     from semloc_ros.hydra_bridge import query_place
 
-    from semloc_core.hydra import AgentPose, HydraFile
+    from semloc_core.hydra import AgentPose
 
     graph, upright = building.corridor(), (0.0, 0.0, 0.0, 1.0)
     names = sorted(graph.places, key=lambda name: graph.places[name][0])
 
-    def file(*agents):
-        return HydraFile(graph, building.SPACE, list(agents))
+    def asked(*agents):
+        return query_place(graph, {agent.id: agent for agent in agents})
 
-    assert query_place(file()) is None
-    near = AgentPose(5, (7.2, 0.3, 0.0), upright)
-    assert query_place(file(AgentPose(1, (0.0, 0.0, 0.0), upright), near)) == names[7]
-    said = AgentPose(9, (7.2, 0.3, 0.0), upright, place=names[2])
-    assert query_place(file(near, said)) == names[2]
+    assert asked() is None
+    near = AgentPose(5, (7.2, 0.3, 0.0), upright, "2")
+    assert asked(near, AgentPose(1, (0.0, 0.0, 0.0), upright, "10")) == names[7]
+    assert asked(near, AgentPose(9, (7.2, 0.3, 0.0), upright, "3", place=names[2])) == names[2]
 
 
 def test_the_bridge_says_in_one_line_what_is_missing(capsys):
