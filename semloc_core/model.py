@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -174,18 +175,41 @@ def embed_batch(model: Model, batch: Batch) -> NDArray[np.float32]:
     return embeddings
 
 
-def embed_graph(model: Model, arrays: GraphArrays) -> NDArray[np.float32]:
-    """Embeddings of all P places of a building, in the order of ``arrays.place_ids``: (P, D) float32."""
+def embed_graph(model: Model, arrays: GraphArrays, weights: Mapping[str, float] | None = None) -> NDArray[np.float32]:
+    """Embeddings of all P places of a building, in the order of ``arrays.place_ids``: (P, D) float32.
+
+    Args:
+        model: what embeds.
+        arrays: the building.
+        weights: object id -> what its features are multiplied by; 1 for those not named. An encoder that counts
+            objects (`bag_of_words`, `rings`, `geodesic_attention` and the like) counts one of weight w as w objects.
+            `paper` is not linear in them: what an object's class says fades with its weight, but as a node it goes on
+            passing messages like one without a class, until it is taken out of the graph.
+
+    """
     extraction, n_classes = model.encoder.extraction, model.encoder.n_classes
     if arrays.n_places == 0:
         return np.zeros((0, model.encoder.dimension), dtype=np.float32)
     if extraction.kind == "ego":
-        return embed_batch(model, place_graph.extract_all(arrays, n_classes, extraction))
+        return embed_batch(model, weighted(place_graph.extract_all(arrays, n_classes, extraction), weights))
     parts = [
-        embed_batch(model, place_graph.reach_all_batch(arrays, n_classes, extraction.radius_m, roots, extraction.bands))
+        embed_batch(
+            model,
+            weighted(
+                place_graph.reach_all_batch(arrays, n_classes, extraction.radius_m, roots, extraction.bands), weights
+            ),
+        )
         for roots in np.split(np.arange(arrays.n_places), range(ROOTS_AT_ONCE, arrays.n_places, ROOTS_AT_ONCE))
     ]
     return np.concatenate(parts)
+
+
+def weighted(batch: Batch, weights: Mapping[str, float] | None) -> Batch:
+    """The batch with the features of its objects multiplied by their weights; see `embed_graph`."""
+    if not weights:
+        return batch
+    of_node = torch.tensor([weights.get(node, 1.0) for node in batch.node_ids], dtype=torch.float32)
+    return batch.with_features(batch.features * torch.where(batch.is_object, of_node, 1.0)[:, None])
 
 
 def _numpy_dtype(tensor: torch.Tensor) -> np.dtype[Any]:

@@ -9,17 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from semloc_core.cli.common import (
-    Json,
-    SynonymsOption,
-    building_name,
-    console,
-    join_synonyms,
-    progress,
-    read_graph_or_run,
-    report_unknown_classes,
-    show,
-)
+from semloc_core.cli import map_changes
+from semloc_core.cli.common import Json, SynonymsOption, console, join_synonyms, progress, show
+from semloc_core.cli.map_changes import Inputs, MapFile, Name, names_of, put
 from semloc_core.errors import MapError
 
 if TYPE_CHECKING:
@@ -28,38 +20,6 @@ if TYPE_CHECKING:
     from semloc_core.model import Model
 
 app = typer.Typer(no_args_is_help=True, help="Build and change map databases.")
-
-Inputs = Annotated[list[Path], typer.Argument(metavar="GRAPH|RUN...", help="Buildings: graphs or recorded runs.")]
-MapFile = Annotated[Path, typer.Argument(metavar="MAP", help="The map database.")]
-Name = Annotated[
-    str | None, typer.Option("--name", help="The building's name (one input only); default: the file's name.")
-]
-
-
-def _names(inputs: list[Path], name: str | None) -> list[str]:
-    if name is not None and len(inputs) != 1:
-        raise MapError(f"expected one input with --name (got {len(inputs)})")
-    names = [name] if name is not None else [building_name(path) for path in inputs]
-    if len(set(names)) != len(names):
-        raise MapError(
-            f"expected buildings of different names (got {', '.join(names)}); add them one by one with --name"
-        )
-    return names
-
-
-def _put(database: MapDatabase, model: Model, path: Path, name: str, replace: bool) -> int:
-    from semloc_core.graph_arrays import GraphArrays
-    from semloc_core.labelspace import count_unknown
-    from semloc_core.model import embed_graph
-
-    graph = read_graph_or_run(path, model.labelspace)
-    report_unknown_classes(count_unknown(graph, model.labelspace), str(path))
-    if not graph.places:
-        raise MapError(f"expected a graph with places (got {path}, which has none)")
-    arrays = GraphArrays.from_scene_graph(graph, model.labelspace, name)
-    put = database.replace_building if replace else database.add_building
-    put(name, graph, arrays.place_ids, arrays.place_positions, embed_graph(model, arrays), source=path.name)
-    return arrays.n_places
 
 
 @contextmanager
@@ -96,12 +56,12 @@ def build(
 
     if output.exists() and not force:
         raise MapError(f"expected a new file, or --force to replace one (got {output}, which exists)")
-    names, loaded, places = _names(inputs, name), Model.load(model), 0
+    names, loaded, places = names_of(inputs, name), Model.load(model), 0
     join_synonyms(loaded, synonyms)
     with _fresh(output, loaded) as database, progress("embedding places") as bar:
         for i, (path, building) in enumerate(zip(inputs, names, strict=True)):
             bar(i, len(inputs), building)
-            places += _put(database, loaded, path, building, replace=False)
+            places += put(database, loaded, path, building, replace=False)
     console.print(f"{output}: {places} places in {len(inputs)} building{'s' if len(inputs) != 1 else ''}")
 
 
@@ -131,6 +91,10 @@ def info(
     for building in facts["buildings"]:
         classes = ", ".join(f"{name} {count}" for name, count in building["classes"].items())
         console.print(f"{building['name']}: {classes or 'no objects'}")
+        if building["traversals"]:
+            rates = sorted(building["moved"].items(), key=lambda item: (-item[1], item[0]))
+            moved = ", ".join(f"{name} {rate:.2f}" for name, rate in rates)
+            console.print(f"{building['name']}: {building['traversals']} traversals merged; share that moves: {moved}")
     if alike:
         show("map info", 0, [map_file], alike, None, title="aliasing: what class labels can tell apart")
         console.print(
@@ -159,37 +123,7 @@ def _aliasing(map_file: Path) -> list[Row]:
     return [one.row(encoder.name, scope) for scope, one in found if one is not None]
 
 
-@app.command("add")
-def add(map_file: MapFile, inputs: Inputs, name: Name = None) -> None:
-    """Add buildings, embedded by the map's own model."""
-    _change(map_file, inputs, name, replace=False)
-
-
-@app.command("replace")
-def replace(map_file: MapFile, inputs: Inputs, name: Name = None) -> None:
-    """Replace buildings that the map has by newer graphs or runs of them."""
-    _change(map_file, inputs, name, replace=True)
-
-
-def _change(map_file: Path, inputs: list[Path], name: str | None, replace: bool) -> None:
-    from semloc_core.map_database import MapDatabase, load
-
-    model = load(map_file).model
-    with MapDatabase.open(map_file) as database, database.transaction():
-        database.require(model.hash, model.labelspace.hash)
-        for path, building in zip(inputs, _names(inputs, name), strict=True):
-            places = _put(database, model, path, building, replace)
-            console.print(f"{building}: {places} places {'replaced' if replace else 'added'}")
-
-
-@app.command("remove")
-def remove(
-    map_file: MapFile, names: Annotated[list[str], typer.Argument(metavar="BUILDING...", help="Names of buildings.")]
-) -> None:
-    """Remove buildings."""
-    from semloc_core.map_database import MapDatabase
-
-    with MapDatabase.open(map_file) as database, database.transaction():
-        for name in names:
-            database.remove_building(name)
-            console.print(f"{name}: removed")
+app.command("add")(map_changes.add)
+app.command("replace")(map_changes.replace)
+app.command("remove")(map_changes.remove)
+app.command("merge")(map_changes.merge)

@@ -17,6 +17,8 @@ from typing import Unpack
 from numpy.typing import ArrayLike
 
 from semloc_core.errors import MapError
+from semloc_core.map_database import write
+from semloc_core.map_database.history import History
 from semloc_core.map_database.meta import MapMeta, check_hash, read_meta, seal, write_model
 from semloc_core.map_database.records import (
     Note,
@@ -25,8 +27,8 @@ from semloc_core.map_database.records import (
     building_names,
     check_name,
     check_places,
-    pack_graph,
     read_graph,
+    read_history,
     read_places,
 )
 from semloc_core.map_database.schema import close_writer, connect_to_write, create_file, map_errors
@@ -34,8 +36,6 @@ from semloc_core.model import Model
 from semloc_core.scene_graph import SceneGraph
 
 logger = logging.getLogger(__name__)
-
-_INSERT = "INSERT INTO place (building, id, x, y, z, embedding) VALUES (?, ?, ?, ?, ?, ?)"
 
 
 class MapDatabase:
@@ -150,44 +150,28 @@ class MapDatabase:
 
         Args:
             name: unique in the map.
-            graph: the scene graph that the places belong to; kept for explanations.
+            graph: the scene graph that the places belong to; kept for explanations and merges.
             place_ids: P places of it, at least one.
             positions: (P, 3) metres, in the building's frame.
             embeddings: (P, D).
-            **note: ``source``, ``frame_id``, ``stamp_ns``: see `Note`.
+            **note: see `Note`.
 
         Raises:
             MapError: the name is taken, or something does not fit; the map is as it was.
 
         """
-        source, frame_id, stamp_ns = note.get("source", ""), note.get("frame_id", "map"), note.get("stamp_ns")
         check_name("a building name", name)
-        check_name("a frame", frame_id)
-        if source:
-            check_name("a source", source)
-        if stamp_ns is not None and not -(2**63) <= stamp_ns < 2**63:
-            raise MapError(f"expected a signed 64-bit stamp (got {stamp_ns})")
-        packed = pack_graph(graph, frame_id)
         with self._change() as connection:
             places = check_places(place_ids, positions, embeddings, self.meta.dimension)
-            _check_in_graph(graph, places.ids)
             if name in self.buildings:
                 raise MapError(f"expected a building that the map does not have (got {name!r})")
-            cursor = connection.execute(
-                "INSERT INTO building (name, source, frame_id, stamp_ns, graph_digest, graph_bytes, graph) "
-                "VALUES (?, ?, ?, ?, ?, ?, ?)",
-                (name, source, frame_id, stamp_ns, packed.digest, packed.size, packed.data),
-            )
-            assert cursor.lastrowid is not None
-            connection.executemany(_INSERT, places.rows(cursor.lastrowid))
+            write.insert_building(connection, name, graph, places, note)
         logger.info("%s: building %s added, %d places", self.path, name, len(places.ids))
 
     def remove_building(self, name: str) -> None:
         """Remove a building and all its places; MapError where the map does not have it."""
         with self._change() as connection:
-            key = building_key(connection, name)
-            connection.execute("DELETE FROM place WHERE building = ?", (key,))
-            connection.execute("DELETE FROM building WHERE id = ?", (key,))
+            write.delete_building(connection, building_key(connection, name))
 
     def replace_building(
         self,
@@ -202,6 +186,31 @@ class MapDatabase:
         with self.transaction():
             self.remove_building(name)
             self.add_building(name, graph, place_ids, positions, embeddings, **note)
+
+    def revise_building(
+        self, name: str, graph: SceneGraph, positions: ArrayLike, embeddings: ArrayLike, history: History | None = None
+    ) -> None:
+        """Put what is known of a building by now in place of what was; its source, frame and stamp stay.
+
+        Args:
+            name: a building of the map.
+            graph: its scene graph; all its places, by rising id, are the building's.
+            positions: (P, 3) metres, in the building's frame.
+            embeddings: (P, D).
+            history: None leaves the one stored.
+
+        Raises:
+            MapError: an unknown building, numbers that do not fit. The map is as it was.
+
+        """
+        with self._change() as connection:
+            key = building_key(connection, name)
+            places = check_places(sorted(graph.places), positions, embeddings, self.meta.dimension)
+            connection.execute("DELETE FROM place WHERE building = ?", (key,))
+            connection.executemany(write.INSERT_PLACE, places.rows(key))
+            write.store_graph(connection, key, graph)
+            if history is not None:
+                write.store_history(connection, key, history)
 
     def add_places(
         self,
@@ -271,20 +280,20 @@ class MapDatabase:
         with self._change() as connection:
             if sorted(embeddings) != list(self.buildings):
                 raise MapError(f"expected embeddings of {list(self.buildings)} (got {sorted(embeddings)})")
-            old = {name: self._places(name) for name in self.buildings}
+            old = [(name, self._places(name)) for name in self.buildings]
             write_model(connection, model, self.meta.generation)
-            for name, places in old.items():
+            for name, places in old:
                 key = building_key(connection, name)
                 fresh = check_places(places.ids, places.positions, embeddings[name], model.encoder.dimension)
                 connection.execute("DELETE FROM place WHERE building = ?", (key,))
-                connection.executemany(_INSERT, fresh.rows(key))
+                connection.executemany(write.INSERT_PLACE, fresh.rows(key))
                 self._touch(key)
 
     def reset(self, model: Model) -> None:
-        """Remove every building and put a model in, to build the map anew: meant for inside a `transaction`."""
+        """Remove every building and put a model in, to build anew; meant for inside a `transaction`."""
         with self._change() as connection:
-            connection.execute("DELETE FROM place")
-            connection.execute("DELETE FROM building")
+            for name in self.buildings:
+                write.delete_building(connection, building_key(connection, name))
             write_model(connection, model, self.meta.generation)
 
     def place_ids(self, building: str) -> tuple[str, ...]:
@@ -296,6 +305,11 @@ class MapDatabase:
         """The scene graph of a building."""
         with map_errors(self.path):
             return read_graph(self._connection, building_key(self._connection, building))
+
+    def history(self, building: str) -> History:
+        """What traversals have told of a building since it was mapped."""
+        with map_errors(self.path):
+            return read_history(self._connection, building_key(self._connection, building))
 
     def _put_places(
         self,
@@ -313,29 +327,19 @@ class MapDatabase:
             new = [id_ for id_ in places.ids if not connection.execute(known, (key, id_)).fetchone()[0]]
             if len(new) < len(places.ids) and not replace:
                 raise MapError(f"expected places that {building!r} does not have (got one that it has)")
-            connection.executemany(_INSERT.replace("INSERT", "INSERT OR REPLACE"), places.rows(key))
+            connection.executemany(write.INSERT_PLACE.replace("INSERT", "INSERT OR REPLACE"), places.rows(key))
             self._touch(key, graph)
             if new and graph is None:
-                _check_in_graph(read_graph(connection, key), new)
+                write.check_in_graph(read_graph(connection, key), new)
 
     def _touch(self, key: int, graph: SceneGraph | None = None) -> None:
         """Mark a building as changed, so that its digest is made anew; store its new scene graph."""
         self._connection.execute("UPDATE building SET digest = NULL WHERE id = ?", (key,))
         if graph is None:
             return
-        name, frame_id = self._connection.execute("SELECT name, frame_id FROM building WHERE id = ?", (key,)).fetchone()
-        _check_in_graph(graph, self._places(name).ids)
-        packed = pack_graph(graph, frame_id)
-        self._connection.execute(
-            "UPDATE building SET graph_digest = ?, graph_bytes = ?, graph = ? WHERE id = ?",
-            (packed.digest, packed.size, packed.data, key),
-        )
+        (name,) = self._connection.execute("SELECT name FROM building WHERE id = ?", (key,)).fetchone()
+        write.check_in_graph(graph, self._places(name).ids)
+        write.store_graph(self._connection, key, graph)
 
     def _places(self, building: str) -> PlaceRows:
         return read_places(self._connection, building_key(self._connection, building), self.meta.dimension)
-
-
-def _check_in_graph(graph: SceneGraph, place_ids: Sequence[str]) -> None:
-    for id_ in place_ids:
-        if id_ not in graph.places:
-            raise MapError(f"expected places of the building's scene graph (got {id_!r}, which it does not have)")

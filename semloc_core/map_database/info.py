@@ -8,9 +8,10 @@ from typing import Any
 
 import msgspec
 
+from semloc_core.map_database.history import move_rates
 from semloc_core.map_database.loaded import read_map
 from semloc_core.map_database.meta import read_meta
-from semloc_core.map_database.schema import FORMAT_VERSION, read
+from semloc_core.map_database.schema import format_version, read
 
 
 def describe(path: str | Path) -> dict[str, Any]:
@@ -21,11 +22,13 @@ def describe(path: str | Path) -> dict[str, Any]:
 
     """
     path = Path(path)
-    meta, loaded = read(path, lambda connection: (read_meta(connection), read_map(connection, path.stem)))
+    version, meta, loaded = read(
+        path, lambda connection: (format_version(connection), read_meta(connection), read_map(connection, path.stem))
+    )
     model = loaded.model
     buildings = []
     for stored in loaded.stored:
-        graph = loaded.graph(stored.name)
+        graph, history = loaded.graph(stored.name), loaded.history(stored.name)
         classes = Counter(item.class_ for item in graph.objects.values())
         buildings.append(
             {
@@ -35,13 +38,15 @@ def describe(path: str | Path) -> dict[str, Any]:
                 "stamp_ns": stored.stamp_ns,
                 "places": stored.n_places,
                 "objects": len(graph.objects),
+                "traversals": len(history.traversals),
+                "moved": move_rates([history.classes], history.classes),
                 "classes": dict(sorted(classes.items(), key=lambda item: (-item[1], item[0]))),
             }
         )
     return {
         "name": loaded.name,
         "hash": loaded.hash,
-        "format_version": FORMAT_VERSION,
+        "format_version": version,
         "generation": meta.generation,
         "bytes": path.stat().st_size,
         "places": loaded.n_places,

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semloc_core.errors import MapError
+from semloc_core.map_database.history import History, unpack_history
 from semloc_core.map_database.meta import check_hash, read_meta, read_model
 from semloc_core.map_database.records import (
     PackedGraph,
@@ -20,6 +21,7 @@ from semloc_core.map_database.records import (
     building_digest,
     building_names,
     content_hash,
+    read_history_bytes,
     read_places,
     unpack_graph,
 )
@@ -31,7 +33,7 @@ from semloc_core.scene_graph import SceneGraph
 
 @dataclass(frozen=True)
 class StoredBuilding:
-    """One building: the note on its source, its frame, when it was made (ns, or None), its packed scene graph."""
+    """One building: its source, frame, when it was made (ns, or None), packed scene graph and history."""
 
     name: str
     source: str
@@ -39,6 +41,7 @@ class StoredBuilding:
     stamp_ns: int | None
     n_places: int
     graph: PackedGraph
+    history: bytes = b""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +50,8 @@ class LoadedMap:
 
     Args:
         name: the file's stem.
-        hash: sha256 (hex) of the content: model, labelspace, names, ids, positions, embeddings, scene graphs.
+        hash: sha256 (hex) of the content: model, labelspace, names, ids, positions, embeddings, scene graphs,
+            histories.
         model: what made the embeddings.
         buildings: their names.
         place_ids: M ids, unique within a building.
@@ -132,6 +136,11 @@ class LoadedMap:
             raise MapError(f"expected a map loaded from a file (got {self.name!r}, which holds no scene graphs)")
         return unpack_graph(self.stored[number].graph)
 
+    def history(self, building: str) -> History:
+        """What traversals have told of a building since it was mapped; empty for a map that no file holds."""
+        number = self._number(building)
+        return unpack_history(self.stored[number].history) if number < len(self.stored) else History()
+
     def frame_id(self, building: str) -> str:
         """The frame of a building's positions; empty where no file says it."""
         number = self._number(building)
@@ -180,10 +189,11 @@ def read_building(connection: sqlite3.Connection, name: str, dimension: int) -> 
     if not isinstance(data, bytes) or not isinstance(graph_bytes, int):
         raise MapError(f"expected a scene graph of building {name!r} (got none: the map is damaged)")
     places = read_places(connection, key, dimension)
-    if not places.ids or building_digest(places, frame_id, graph_digest) != digest:
+    history = read_history_bytes(connection, key)
+    if not places.ids or building_digest(places, frame_id, graph_digest, history) != digest:
         raise MapError(f"expected building {name!r} as it was committed (got other content: the map is damaged)")
     packed = PackedGraph(graph_digest, graph_bytes, data)
-    return StoredBuilding(name, source, frame_id, stamp_ns, len(places.ids), packed), places, digest
+    return StoredBuilding(name, source, frame_id, stamp_ns, len(places.ids), packed, history), places, digest
 
 
 def read_map(connection: sqlite3.Connection, name: str) -> LoadedMap:

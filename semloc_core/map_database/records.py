@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semloc_core.errors import GraphError, MapError, MessageError
+from semloc_core.map_database.history import History, unpack_history
 from semloc_core.scene_graph import SceneGraph
 from semloc_core.wire import decode_update, encode
 
@@ -141,6 +142,21 @@ def read_graph(connection: sqlite3.Connection, building: int) -> SceneGraph:
     return unpack_graph(PackedGraph(*connection.execute(query, (building,)).fetchone()))
 
 
+def read_history(connection: sqlite3.Connection, building: int) -> History:
+    """Read a building's history, given its key."""
+    return unpack_history(read_history_bytes(connection, building))
+
+
+def read_history_bytes(connection: sqlite3.Connection, building: int) -> bytes:
+    """A building's history as stored; empty where it has none, as in every map of format 1."""
+    if not connection.execute("SELECT 1 FROM sqlite_schema WHERE name = 'history'").fetchone():
+        return b""
+    row = connection.execute("SELECT data FROM history WHERE building = ?", (building,)).fetchone()
+    if row is not None and not isinstance(row[0], bytes):
+        raise MapError("expected a building's history (got something else: the map is damaged)")
+    return row[0] if row is not None else b""
+
+
 def read_places(connection: sqlite3.Connection, building: int, dimension: int) -> PlaceRows:
     """Read a building's places.
 
@@ -214,12 +230,13 @@ def unpack_graph(packed: PackedGraph) -> SceneGraph:
     return graph
 
 
-def building_digest(places: PlaceRows, frame_id: str, graph_digest: str) -> str:
-    """sha256 (hex) of a building's content, whatever order it was added in."""
+def building_digest(places: PlaceRows, frame_id: str, graph_digest: str, history: bytes = b"") -> str:
+    """sha256 (hex) of a building's content, whatever order it was added in; without a history as in format 1."""
     head = json.dumps([frame_id, graph_digest, list(places.embeddings.shape), places.ids])
     digest = hashlib.sha256(head.encode())
     digest.update(places.positions.astype("<f8", copy=False).tobytes())
     digest.update(places.embeddings.astype("<f4", copy=False).tobytes())
+    digest.update(history)
     return digest.hexdigest()
 
 

@@ -17,14 +17,14 @@ from typing import TypeVar
 
 from semloc_core.errors import MapError
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 APPLICATION_ID = 0x53454D4C  # "SEML", in the header of every map file
 BUSY_TIMEOUT_S = 30.0
 MAX_BLOB_BYTES = 512 * 2**20  # of any one value: the model, a compressed scene graph
 PAGE_BYTES = 8192  # a place with an embedding of up to some 450 numbers fits into a page
 
 # The canonical text: a file whose schema reads otherwise is not a map (no trigger, view or index may hide in one).
-TABLES = (
+_TABLES_1 = (
     "CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID",
     "CREATE TABLE model (id INTEGER PRIMARY KEY CHECK (id = 0), data BLOB NOT NULL)",
     "CREATE TABLE building (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, source TEXT NOT NULL, "
@@ -34,10 +34,15 @@ TABLES = (
     "y REAL NOT NULL, z REAL NOT NULL, embedding BLOB NOT NULL, PRIMARY KEY (building, id)) WITHOUT ROWID",
 )
 
-Migration = Callable[[sqlite3.Connection], None]
+HISTORY = "CREATE TABLE history (building INTEGER PRIMARY KEY REFERENCES building (id), data BLOB NOT NULL)"
+TABLES = (*_TABLES_1, HISTORY)
+# Formats that are read as they are, so that a map which can't be written to need not be migrated first.
+READABLE: Mapping[int, tuple[str, ...]] = {1: _TABLES_1, FORMAT_VERSION: TABLES}
+
+Migration = Callable[[sqlite3.Connection], object]
 # Version v -> what makes a file of version v + 1 of it: runs inside a transaction, must leave `TABLES` of its day.
 # To change the format: raise FORMAT_VERSION and add the step from the version before.
-MIGRATIONS: Mapping[int, Migration] = {}
+MIGRATIONS: Mapping[int, Migration] = {1: lambda connection: connection.execute(HISTORY)}
 
 T = TypeVar("T")
 
@@ -161,7 +166,7 @@ def read(path: Path, work: Callable[[sqlite3.Connection], T]) -> T:
         with map_errors(path), closing(connection):
             before = path.stat()
             connection.execute("BEGIN")
-            check_schema(connection, path)
+            check_schema(connection, path, READABLE)
             try:
                 result = work(connection)
             except MapError as error:
@@ -233,15 +238,18 @@ def format_version(connection: sqlite3.Connection) -> int:
     return version
 
 
-def check_schema(connection: sqlite3.Connection, path: Path) -> None:
-    """Refuse another format version, and tables that are not the format's own."""
+def check_schema(
+    connection: sqlite3.Connection, path: Path, formats: Mapping[int, tuple[str, ...]] | None = None
+) -> None:
+    """Refuse a format that is none of ``formats`` (default: the present one), and tables that are not its own."""
+    formats = formats if formats is not None else {FORMAT_VERSION: TABLES}
     version = format_version(connection)
-    if version != FORMAT_VERSION:
+    if version not in formats:
         advice = "; opening it to write migrates it" if version in MIGRATIONS else ""
         raise MapError(f"expected map format {FORMAT_VERSION} (got {version}{advice}: {path})")
     found = connection.execute("SELECT sql FROM sqlite_schema WHERE sql IS NOT NULL LIMIT 99").fetchall()
-    if sorted(sql for (sql,) in found) != sorted(TABLES):
-        raise MapError(f"expected the tables of map format {FORMAT_VERSION} (got others: {path})")
+    if sorted(sql for (sql,) in found) != sorted(formats[version]):
+        raise MapError(f"expected the tables of map format {version} (got others: {path})")
 
 
 def migrate(connection: sqlite3.Connection, path: Path, target: int, migrations: Mapping[int, Migration]) -> None:

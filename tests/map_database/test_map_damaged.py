@@ -97,7 +97,7 @@ def test_any_changed_page_is_noticed_or_does_no_harm(path: Path) -> None:
     """Bytes overwritten at random: one line, or exactly the content that was committed; never anything else."""
     rng, before, sound = np.random.default_rng(0), load(path), path.read_bytes()
     refused, lines = 0, set[int]()
-    for _ in range(60):
+    for _ in range(90):
         data = bytearray(sound)
         at, length = int(rng.integers(len(data))), int(rng.integers(1, 200))
         data[at : at + length] = rng.bytes(len(data[at : at + length]))
@@ -153,12 +153,13 @@ def test_migrations_run_in_order_and_whole_or_not_at_all(path: Path) -> None:
         def notes() -> set[str]:
             return {key for (key,) in connection.execute("SELECT key FROM meta")} & {"one", "two"}
 
-        with pytest.raises(MapError, match="expected map format 3 \\(got 1"):
-            map_schema.migrate(connection, path, 3, {1: note("one")})
-        with pytest.raises(MapError, match=ONE_LINE):
-            map_schema.migrate(connection, path, 3, {1: note("one"), 2: note("one")})  # the same key again: fails
-        assert (map_schema.format_version(connection), notes()) == (1, set())
-        map_schema.migrate(connection, path, 3, {1: note("one"), 2: note("two")})
-        assert (map_schema.format_version(connection), notes()) == (3, {"one", "two"})
-        with pytest.raises(MapError, match="expected map format 2 \\(got 3"):
-            map_schema.migrate(connection, path, 2, {})
+        now = map_schema.FORMAT_VERSION
+        with pytest.raises(MapError, match=f"expected map format {now + 2} \\(got {now}"):
+            map_schema.migrate(connection, path, now + 2, {now: note("one")})
+        with pytest.raises(MapError, match=ONE_LINE):  # the same key again: fails
+            map_schema.migrate(connection, path, now + 2, {now: note("one"), now + 1: note("one")})
+        assert (map_schema.format_version(connection), notes()) == (now, set())
+        map_schema.migrate(connection, path, now + 2, {now: note("one"), now + 1: note("two")})
+        assert (map_schema.format_version(connection), notes()) == (now + 2, {"one", "two"})
+        with pytest.raises(MapError, match=f"expected map format {now} \\(got {now + 2}"):
+            map_schema.migrate(connection, path, now, {})

@@ -1,0 +1,170 @@
+"""``semloc map add``, ``replace``, ``remove`` and ``merge``."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from semloc_core.cli.common import Json, building_name, console, read_graph_or_run, report_unknown_classes
+from semloc_core.errors import MapError
+
+if TYPE_CHECKING:
+    from semloc_core.evaluate.rows import Row
+    from semloc_core.map_database import MapDatabase
+    from semloc_core.map_merge import Merged
+    from semloc_core.model import Model
+    from semloc_core.scene_graph import SceneGraph
+
+Inputs = Annotated[list[Path], typer.Argument(metavar="GRAPH|RUN...", help="Buildings: graphs or recorded runs.")]
+MapFile = Annotated[Path, typer.Argument(metavar="MAP", help="The map database.")]
+Name = Annotated[
+    str | None, typer.Option("--name", help="The building's name (one input only); default: the file's name.")
+]
+Places = Annotated[
+    list[str] | None,
+    typer.Option("--place", metavar="ID", help="Only this place of a building that the map has; may be repeated."),
+]
+
+
+def names_of(inputs: list[Path], name: str | None) -> list[str]:
+    """Names of the buildings that inputs hold; all different."""
+    if name is not None and len(inputs) != 1:
+        raise MapError(f"expected one input with --name (got {len(inputs)})")
+    names = [name] if name is not None else [building_name(path) for path in inputs]
+    if len(set(names)) != len(names):
+        raise MapError(
+            f"expected buildings of different names (got {', '.join(names)}); add them one by one with --name"
+        )
+    return names
+
+
+def read_known(path: Path, model: Model) -> SceneGraph:
+    """Read a GRAPH or RUN with places, and say which of its classes the model lacks."""
+    from semloc_core.labelspace import count_unknown
+
+    graph = read_graph_or_run(path, model.labelspace)
+    report_unknown_classes(count_unknown(graph, model.labelspace), str(path))
+    if not graph.places:
+        raise MapError(f"expected a graph with places (got {path}, which has none)")
+    return graph
+
+
+def put(database: MapDatabase, model: Model, path: Path, name: str, replace: bool) -> int:
+    """Put a whole building into a map; how many places it has."""
+    from semloc_core.graph_arrays import GraphArrays
+    from semloc_core.model import embed_graph
+
+    graph = read_known(path, model)
+    arrays = GraphArrays.from_scene_graph(graph, model.labelspace, name)
+    write = database.replace_building if replace else database.add_building
+    write(name, graph, arrays.place_ids, arrays.place_positions, embed_graph(model, arrays), source=path.name)
+    return arrays.n_places
+
+
+def add(map_file: MapFile, inputs: Inputs, name: Name = None, place: Places = None) -> None:
+    """Add buildings, embedded by the map's own model; with --place single places of a building that the map has."""
+    _change(map_file, inputs, name, place, replace=False)
+
+
+def replace(map_file: MapFile, inputs: Inputs, name: Name = None, place: Places = None) -> None:
+    """Replace buildings that the map has by newer graphs or runs of them; with --place single places."""
+    _change(map_file, inputs, name, place, replace=True)
+
+
+def _change(map_file: Path, inputs: list[Path], name: str | None, places: list[str] | None, replace: bool) -> None:
+    from semloc_core.map_database import MapDatabase, load
+    from semloc_core.map_merge.edit import store_edited, with_places
+
+    done = "replaced" if replace else "added"
+    if places and len(inputs) != 1:
+        raise MapError(f"expected one input with --place (got {len(inputs)})")
+    model = load(map_file).model
+    with MapDatabase.open(map_file) as database, database.transaction():
+        database.require(model.hash, model.labelspace.hash)
+        for path, building in zip(inputs, names_of(inputs, name), strict=True):
+            if places:
+                newer = read_known(path, model)
+                graph = with_places(database.graph(building), newer, set(places), replace=replace)
+                store_edited(database, model, building, graph)
+                console.print(f"{building}: {len(set(places))} of its places {done}")
+            else:
+                count = put(database, model, path, building, replace)
+                console.print(f"{building}: {count} places {done}")
+
+
+def remove(
+    map_file: MapFile,
+    names: Annotated[list[str], typer.Argument(metavar="BUILDING...", help="Names of buildings.")],
+    place: Places = None,
+) -> None:
+    """Remove buildings; with --place single places of one."""
+    from semloc_core.map_database import MapDatabase, load
+    from semloc_core.map_merge.edit import store_edited, without_places
+
+    if place and len(names) != 1:
+        raise MapError(f"expected one building with --place (got {len(names)})")
+    model = load(map_file).model if place else None
+    with MapDatabase.open(map_file) as database, database.transaction():
+        for name in names:
+            if model is not None and place:
+                database.require(model.hash, model.labelspace.hash)
+                store_edited(database, model, name, without_places(database.graph(name), set(place)))
+                console.print(f"{name}: {len(set(place))} of its places removed")
+            else:
+                database.remove_building(name)
+                console.print(f"{name}: removed")
+
+
+def merge(
+    map_file: MapFile,
+    traversal: Annotated[
+        Path, typer.Argument(metavar="GRAPH|RUN", help="A later traversal, in any frame whose z axis is up.")
+    ],
+    building: Annotated[
+        str | None, typer.Option("--building", metavar="NAME", help="Merge into this one; default: where it fits best.")
+    ] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would change, and change nothing.")] = False,
+    json_file: Json = None,
+) -> None:
+    """Merge a later traversal of a building that the map has: what it confirms, moves, misses and adds.
+
+    It is laid on the building by what it saw, and refused where that does not fit. Objects that were confirmed gain
+    weight, those not seen where free space was seen lose it, by how often their class moves; places are embedded anew.
+    """
+    from semloc_core.evaluate.table import document
+    from semloc_core.map_database import MapDatabase, load
+    from semloc_core.map_merge import merge_into, propose
+
+    loaded = load(map_file)
+    graph = read_known(traversal, loaded.model)
+    if dry_run:
+        name, merged = propose(loaded, loaded.model, graph, building, source=traversal.name)
+    else:
+        with MapDatabase.open(map_file) as database:
+            name, merged = merge_into(database, loaded.model, graph, building, source=traversal.name)
+    _say(name, merged, "would be " if dry_run else "")
+    if json_file is not None:
+        row: Row = {"method": loaded.model.encoder.name, "scope": name, **_figures(merged)}
+        json_file.write_bytes(document("map merge", 0, [str(map_file), str(traversal)], [row]))
+
+
+def _say(name: str, merged: Merged, would: str) -> None:
+    at, result = merged.alignment, merged.traversal
+    x, y, z = at.transform.translation
+    console.print(
+        f"{name}: laid on it by {at.pairs.shape[1]} objects, {at.residual_m:.2f} m apart (rms); "
+        f"turned by {math.degrees(at.transform.yaw):.1f}°, shifted by ({x:.2f}, {y:.2f}, {z:.2f}) m"
+    )
+    console.print(
+        f"{name}: objects {would}confirmed {result.confirmed}, moved {result.moved}, missing {result.missing}, "
+        f"added {result.added}, forgotten {result.forgotten}; places added {result.places}"
+    )
+
+
+def _figures(merged: Merged) -> dict[str, int | float]:
+    result, at = merged.traversal, merged.alignment
+    counts = {key: getattr(result, key) for key in ("confirmed", "moved", "missing", "added", "forgotten", "places")}
+    return {"agreeing": at.pairs.shape[1], "residual_m": at.residual_m, "yaw": at.transform.yaw, **counts}

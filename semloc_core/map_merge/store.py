@@ -1,0 +1,136 @@
+"""Merges into map files: read, merged, embedded anew and written, in one transaction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from semloc_core.errors import MapError
+from semloc_core.graph_arrays import GraphArrays
+from semloc_core.map_database import MapDatabase
+from semloc_core.map_database.history import ClassChange, History
+from semloc_core.map_merge.align import Alignment
+from semloc_core.map_merge.config import MergeConfig
+from semloc_core.map_merge.merge import Merged, Side, lay, merge
+from semloc_core.map_merge.weights import object_weights
+from semloc_core.model import Model, embed_graph
+from semloc_core.scene_graph import SceneGraph
+
+
+class Buildings(Protocol):
+    """What is read of a map: a `LoadedMap` has it, and a `MapDatabase`."""
+
+    @property
+    def buildings(self) -> tuple[str, ...]:
+        """Their names."""
+
+    def graph(self, building: str) -> SceneGraph:
+        """The scene graph of one."""
+
+    def history(self, building: str) -> History:
+        """The history of one."""
+
+    def require(self, model_hash: str | None = None, labelspace_hash: str | None = None) -> None:
+        """Refuse another model or labelspace."""
+
+
+def merge_into(
+    database: MapDatabase,
+    model: Model,
+    traversal: SceneGraph,
+    building: str | None = None,
+    *,
+    config: MergeConfig | None = None,
+    source: str = "",
+) -> tuple[str, Merged]:
+    """Merge a traversal into a building of a map, and embed its places anew with what its objects weigh by now.
+
+    Args:
+        database: the map, open for changes.
+        model: the map's.
+        traversal: in any frame whose z axis is up.
+        building: which one; None: the one that it fits best.
+        config: options.
+        source: where the traversal came from, such as a file name.
+
+    Returns:
+        The building's name, and what it has become.
+
+    Raises:
+        MapError: the traversal does not fit the building, or none; it has nothing to fit by. The map is as it was.
+
+    """
+    with database.transaction():
+        name, merged = propose(database, model, traversal, building, config=config, source=source)
+        write(database, model, name, merged.graph, merged.history)
+    return name, merged
+
+
+def propose(
+    map_: Buildings,
+    model: Model,
+    traversal: SceneGraph,
+    building: str | None = None,
+    *,
+    config: MergeConfig | None = None,
+    source: str = "",
+) -> tuple[str, Merged]:
+    """What `merge_into` would make of a map; writes nothing. Arguments, result and errors are the same."""
+    config = config or MergeConfig()
+    map_.require(model.hash, model.labelspace.hash)
+    names = map_.buildings if building is None else (building,)
+    if not names:
+        raise MapError("expected a map with a building to merge into (got an empty one)")
+    seen = side(model, traversal)
+    name = names[0] if len(names) == 1 else _best(map_, model, seen, names, config)
+    mapped, history, others = stored_side(map_, model, name), map_.history(name), other_changes(map_, name)
+    return name, merge(mapped, history, seen, others=others, config=config, source=source, name=name)
+
+
+def write(database: MapDatabase, model: Model, name: str, graph: SceneGraph, history: History) -> None:
+    """Store a building as it is now, its places embedded anew: a change reaches all that are near.
+
+    Args:
+        database: the map, open for changes.
+        model: the map's.
+        name: the building.
+        graph: its scene graph.
+        history: its history.
+
+    """
+    weights = object_weights(graph, model.labelspace, history, other_changes(database, name))
+    arrays = GraphArrays.from_scene_graph(graph, model.labelspace)
+    database.revise_building(name, graph, arrays.place_positions, embed_graph(model, arrays, weights), history)
+
+
+def side(model: Model, graph: SceneGraph) -> Side:
+    """A scene graph with its places embedded, every object of weight 1."""
+    arrays = GraphArrays.from_scene_graph(graph, model.labelspace)
+    return Side.of(graph, model.labelspace, embed_graph(model, arrays))
+
+
+def stored_side(map_: Buildings, model: Model, name: str) -> Side:
+    """A building of a map, embedded with its objects' weights."""
+    graph = map_.graph(name)
+    weights = object_weights(graph, model.labelspace, map_.history(name), other_changes(map_, name))
+    arrays = GraphArrays.from_scene_graph(graph, model.labelspace)
+    return Side.of(graph, model.labelspace, embed_graph(model, arrays, weights))
+
+
+def other_changes(map_: Buildings, name: str) -> list[dict[str, ClassChange]]:
+    """Class changes of the map's other buildings."""
+    return [map_.history(other).classes for other in map_.buildings if other != name]
+
+
+def _best(map_: Buildings, model: Model, seen: Side, names: Sequence[str], config: MergeConfig) -> str:
+    """The building on which the traversal is laid with most support."""
+    found: list[tuple[Alignment, str]] = []
+    refused: list[str] = []
+    for name in names:
+        try:
+            found.append((lay(stored_side(map_, model, name), seen, config, name), name))
+        except MapError as error:
+            refused.append(str(error))
+    if not found:
+        raise MapError(f"expected a traversal of one of {len(names)} buildings (got none that it fits: {refused[0]})")
+    return max(found, key=lambda one: one[0].score)[1]
