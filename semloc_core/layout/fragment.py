@@ -1,0 +1,98 @@
+"""What is known around one place: objects and places relative to it, of a live graph or of a frozen one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semloc_core.graph_arrays import Floats, GraphArrays, Ints
+from semloc_core.labelspace import Labelspace
+from semloc_core.layout.config import LayoutConfig
+from semloc_core.scene_graph import SceneGraph
+
+CELL_M = 0.8
+"""Places are thinned to one a cell of this size, so that a mapper that lays them closer has no louder voice."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fragment:
+    """The surroundings of a place, in a gravity-aligned frame with the place as its origin.
+
+    Args:
+        objects: (n, 3) float64, metres; nearest first.
+        classes: (n,) int64 indices into the labelspace.
+        object_ids: n ids.
+        places: (k, 3) float64, metres; one a cell of `CELL_M`.
+
+    """
+
+    objects: Floats
+    classes: Ints
+    object_ids: tuple[str, ...]
+    places: Floats
+
+    def __post_init__(self) -> None:
+        n = len(self.object_ids)
+        assert self.objects.shape == (n, 3), self.objects.shape
+        assert self.classes.shape == (n,), self.classes.shape
+        assert self.places.ndim == 2, self.places.shape
+
+
+def fragment_of_graph(graph: SceneGraph, labelspace: Labelspace, place: str, config: LayoutConfig) -> Fragment:
+    """The surroundings of a place of a live graph; objects of classes that the labelspace lacks are left out."""
+    object_ids = sorted(graph.objects)
+    objects = np.array([graph.objects[o].position for o in object_ids], dtype=np.float64).reshape(-1, 3)
+    classes = np.array([labelspace.index(graph.objects[o].class_) for o in object_ids], dtype=np.int64)
+    places = np.array([graph.places[p] for p in sorted(graph.places)], dtype=np.float64).reshape(-1, 3)
+    origin = np.array(graph.places[place], dtype=np.float64)
+    return _around(origin, objects, classes, object_ids, places, config)
+
+
+def fragment_of_arrays(graph: GraphArrays, place: int, config: LayoutConfig) -> Fragment:
+    """The same of a frozen graph and the index of one of its places."""
+    origin = graph.place_positions[place]
+    return _around(
+        origin, graph.object_positions, graph.object_classes, graph.object_ids, graph.place_positions, config
+    )
+
+
+def near(offsets: Floats, config: LayoutConfig) -> NDArray[np.bool_]:
+    """Which of (n, 3) offsets, metres, are in reach on the same floor."""
+    x, y, z = offsets.T
+    found: NDArray[np.bool_] = (x * x + y * y <= config.reach_m**2) & (np.abs(z) <= config.floor_m)
+    return found
+
+
+def thinned(places: Floats) -> Floats:
+    """One of (k, 3) places a cell of `CELL_M`, in the order of the cells: the nearest to the middle of its cell."""
+    cells = np.floor(places / CELL_M)
+    off = ((places - (cells + 0.5) * CELL_M) ** 2).sum(axis=1)
+    order = np.lexsort((off, *cells.T))
+    ordered = cells[order]
+    first = np.r_[True, (ordered[1:] != ordered[:-1]).any(axis=1)] if len(order) else np.zeros(0, dtype=np.bool_)
+    kept: Floats = places[order[first]]
+    return kept
+
+
+def _around(
+    origin: Floats,
+    objects: Floats,
+    classes: Ints,
+    object_ids: list[str] | tuple[str, ...],
+    places: Floats,
+    config: LayoutConfig,
+) -> Fragment:
+    offsets = objects - origin
+    chosen = np.flatnonzero(near(offsets, config) & (classes >= 0))
+    # Distances are rounded before they are compared: the order must not hang on a last bit.
+    metres = np.round(np.linalg.norm(offsets[chosen], axis=1), 6)
+    chosen = chosen[np.argsort(metres, kind="stable")[: config.most_objects]]
+    room = places - origin
+    return Fragment(
+        objects=offsets[chosen],
+        classes=classes[chosen],
+        object_ids=tuple(object_ids[i] for i in chosen.tolist()),
+        places=thinned(room[near(room, config)]),
+    )

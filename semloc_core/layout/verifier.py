@@ -1,0 +1,123 @@
+"""The verification of an answer by layout, from what is around the robot to scored places of the map."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semloc_core.graph_arrays import Floats, GraphArrays, Ints
+from semloc_core.layout.align import align
+from semloc_core.layout.coarse import MOST_PLACES, CoarseScan
+from semloc_core.layout.config import LayoutConfig
+from semloc_core.layout.fragment import Fragment
+from semloc_core.layout.mapped import MappedLayout
+from semloc_core.layout.vote import best_poses, heading_scores
+
+APART_M = 1.0
+"""Poses to be aligned begin at least so far apart, or turned: alignment moves them by about as much."""
+
+
+@dataclass(frozen=True, eq=False)
+class Verified:
+    """Places of the map that were put to the test, best first, each once.
+
+    Args:
+        rows: (T,) rows of the map.
+        score: (T,) log-likelihood ratio: the objects as mapped there, against all invented.
+        heading: (T,) radians: the robot's frame turned by it is parallel to the map's.
+        shift: (T, 2) metres from the map's place to where the robot is.
+        explained: (T, n) share in the score of each object of the fragment, ≥ 0.
+        missing: (T,) lost for objects not seen, ≥ 0.
+        walls: (T,) lost for room that the map does not have, ≥ 0.
+
+    """
+
+    rows: Ints
+    score: Floats
+    heading: Floats
+    shift: Floats
+    explained: Floats
+    missing: Floats
+    walls: Floats
+
+
+class LayoutVerifier:
+    """Reads the map once; then answers any number of queries.
+
+    Args:
+        graphs: the map's buildings.
+        rows: for each building the indices of its places that are in the map, in the order of the map's rows.
+        n_classes: C.
+        config: options.
+
+    """
+
+    def __init__(
+        self, graphs: Sequence[GraphArrays], rows: Sequence[Ints], n_classes: int, config: LayoutConfig | None = None
+    ) -> None:
+        self.config = config or LayoutConfig()
+        self.mapped = MappedLayout(graphs, rows, n_classes, self.config)
+        self._scan = CoarseScan(self.mapped) if self.mapped.n_places <= MOST_PLACES else None
+
+    def verify(
+        self,
+        fragment: Fragment,
+        similarity: NDArray[np.float32],
+        only: NDArray[np.bool_] | None = None,
+    ) -> Verified | None:
+        """Put the likeliest places to the test.
+
+        Args:
+            fragment: what is around the robot.
+            similarity: (M,) of its embedding to every place of the map: it proposes too.
+            only: (M,) bool, the places that the robot can be at; None for all.
+
+        Returns:
+            The places tested; None where nothing speaks for any of them.
+
+        """
+        if not len(fragment.classes) or not self.mapped.n_places:
+            return None
+        candidates = self._candidates(fragment, similarity, only)
+        scores = heading_scores(self.mapped, fragment, candidates)
+        at, of = self.mapped.positions[candidates], self.mapped.building[candidates]
+        chosen, heading = best_poses(scores, at, of, self.config.fine, APART_M)
+        if not len(chosen):
+            return None
+        rows = candidates[chosen]
+        fitted = align(self.mapped, fragment, rows, heading)
+        score = np.round(fitted.score, 6)
+        order = np.lexsort((rows, -score))
+        order = order[np.sort(np.unique(rows[order], return_index=True)[1])]
+        return Verified(
+            rows[order],
+            score[order],
+            fitted.heading[order],
+            fitted.shift[order],
+            fitted.explained[order],
+            fitted.missing[order],
+            fitted.walls[order],
+        )
+
+    def _candidates(self, fragment: Fragment, similarity: NDArray[np.float32], only: NDArray[np.bool_] | None) -> Ints:
+        """(K,) rows to be tried, in rising order: the likeliest of the scan, and some of the most similar."""
+        proposals = [similarity] if self._scan is None else [self._scan.log_likelihood(fragment), similarity]
+        found = [
+            _largest(values, self.config.coarse if number == 0 else self.config.coarse // 5, only)
+            for number, values in enumerate(proposals)
+        ]
+        return np.unique(np.concatenate(found))
+
+
+def _largest(values: NDArray[np.float32], k: int, only: NDArray[np.bool_] | None) -> Ints:
+    rows = np.arange(len(values)) if only is None else np.flatnonzero(only)
+    if len(rows) <= k:
+        return rows
+    # Ties at the edge are all taken: which of them a partition would keep is not defined.
+    of = values[rows]
+    least = np.partition(of, len(of) - k)[len(of) - k]
+    chosen: Ints = rows[of >= least]
+    return chosen if len(chosen) <= 2 * k else rows[np.argsort(-of, kind="stable")[:k]]

@@ -1,0 +1,111 @@
+"""Which heading would make the objects around the robot lie as those around a place of the map do.
+
+Every pair of a seen object and a mapped one of its class votes for the headings that bring one near the other
+(a Hough transform over one angle).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semloc_core.geodesic import ranges
+from semloc_core.graph_arrays import Floats, Ints
+from semloc_core.layout.fragment import Fragment
+from semloc_core.layout.mapped import Floats32, MappedLayout
+
+HEADINGS = 48
+"""Headings that are tried, evenly around."""
+NEAR = 2.5
+"""Pairs whose distances from their places differ by more spreads than this do not vote."""
+
+
+def heading_scores(mapped: MappedLayout, fragment: Fragment, candidates: Ints) -> Floats32:
+    """(K, HEADINGS) float32 log-likelihood ratio of the seen objects: as mapped, against all invented.
+
+    Args:
+        mapped: the map.
+        fragment: what is around the robot, n objects.
+        candidates: (K,) rows of the map.
+
+    """
+    config, n = mapped.config, len(fragment.classes)
+    scores = np.zeros((len(candidates), HEADINGS), dtype=np.float32)
+    which, seen, there = _same_class(mapped, fragment, candidates)
+    offset = mapped.object_positions[there] - mapped.positions[candidates[which]]
+    here = fragment.objects[seen]
+    far_here, far_there = np.hypot(here[:, 0], here[:, 1]), np.hypot(offset[:, 0], offset[:, 1])
+    along, up = far_here - far_there, here[:, 2] - offset[:, 2]
+    # The robot stands beside the map's place, not on it.
+    spread2 = config.spread_m**2
+    close = (np.abs(along) <= NEAR * config.spread_m) & (np.abs(up) <= NEAR * config.height_spread_m)
+    which, seen = which[close], seen[close]
+    if not len(which):
+        return scores
+    turn = (np.arctan2(offset[:, 1], offset[:, 0]) - np.arctan2(here[:, 1], here[:, 0]))[close]
+    headings = np.arange(HEADINGS) * (2 * np.pi / HEADINGS)
+    across = np.sin((turn[:, None] - headings).astype(np.float32) / 2)
+    fixed = along[close] ** 2 / spread2 + up[close] ** 2 / config.height_spread_m**2
+    scale = (4 * far_here[close] * far_there[close] / spread2).astype(np.float32)
+    density = np.exp(-0.5 * (fixed.astype(np.float32)[:, None] + scale[:, None] * across * across))
+    density *= (config.detected / (2 * np.pi * spread2) / mapped.invented[fragment.classes[seen]])[:, None].astype(
+        np.float32
+    )
+    key = which * n + seen
+    order = np.argsort(key, kind="stable")
+    key = key[order]
+    first = np.flatnonzero(np.r_[True, key[1:] != key[:-1]])
+    gained = np.log1p(np.add.reduceat(density[order], first, axis=0))
+    owner = key[first] // n
+    begins = np.flatnonzero(np.r_[True, owner[1:] != owner[:-1]])
+    scores[owner[begins]] = np.add.reduceat(gained, begins, axis=0)
+    return scores
+
+
+def _same_class(mapped: MappedLayout, fragment: Fragment, candidates: Ints) -> tuple[Ints, Ints, Ints]:
+    """All (candidate's number, seen object, mapped object) of one class, the mapped one near the candidate."""
+    start, objects = mapped.objects_near
+    size = start[candidates + 1] - start[candidates]
+    there = objects[ranges(start[candidates], size)]
+    which = np.repeat(np.arange(len(candidates)), size)
+    order = np.argsort(fragment.classes, kind="stable")
+    ordered = fragment.classes[order]
+    low = np.searchsorted(ordered, mapped.object_classes[there], side="left")
+    number = np.searchsorted(ordered, mapped.object_classes[there], side="right") - low
+    return np.repeat(which, number), order[ranges(low, number)], np.repeat(there, number)
+
+
+def best_poses(
+    scores: Floats32, positions: Floats, building: Ints, most: int, apart_m: float
+) -> tuple[Ints, NDArray[np.float64]]:
+    """The best poses, none near a better one.
+
+    Args:
+        scores: (K, HEADINGS).
+        positions: (K, 3) of the candidates, metres.
+        building: (K,).
+        most: how many.
+        apart_m: two candidates nearer than this, with headings less than two steps apart, are one pose.
+
+    Returns:
+        (T,) candidates' numbers and (T,) headings in radians, best first.
+
+    """
+    peak = scores >= np.maximum(np.roll(scores, 1, axis=1), np.roll(scores, -1, axis=1))
+    place, heading = np.nonzero(peak & (scores > 0))
+    order = np.argsort(-scores[place, heading], kind="stable")[: 8 * most]
+    place, heading = place[order], heading[order]
+    free = np.ones(len(place), dtype=np.bool_)
+    kept: list[int] = []
+    at, of = positions[place], building[place]
+    for i in range(len(place)):
+        if not free[i]:
+            continue
+        kept.append(i)
+        if len(kept) == most:
+            break
+        off = np.abs(at[i:] - at[i]).max(axis=1) < apart_m
+        turned = np.abs(heading[i:] - heading[i])
+        free[i:] &= ~(off & (of[i:] == of[i]) & (np.minimum(turned, HEADINGS - turned) <= 2))
+    chosen = np.array(kept, dtype=np.int64)
+    return place[chosen].astype(np.int64), (heading[chosen] * (2 * np.pi / HEADINGS)).astype(np.float64)
