@@ -13,6 +13,7 @@ import math
 import struct
 import zipfile
 from collections.abc import Mapping
+from tokenize import TokenError
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -30,6 +31,8 @@ HEADER = "header.json"
 EPOCH = (1980, 1, 1, 0, 0, 0)  # the same bytes whenever they are written
 # what zipfile raises on a mangled archive, besides its own error
 ZIP_ERRORS = (zipfile.BadZipFile, EOFError, ValueError, OSError, RuntimeError, struct.error, OverflowError)
+# what numpy raises on a mangled header, which it takes for Python
+NPY_ERRORS = (ValueError, SyntaxError, TokenError, TypeError, LookupError, RecursionError, MemoryError, EOFError)
 
 Array = NDArray[Any]
 
@@ -188,7 +191,7 @@ def read_tensor(name: str, content: bytes, shape: tuple[int, ...], dtype: np.dty
         if np.lib.format.read_magic(stream) != (1, 0):
             raise ModelError(f"expected tensor {name!r} as .npy 1.0 (got another version)")
         found_shape, fortran, found_dtype = np.lib.format.read_array_header_1_0(stream)
-    except (ValueError, SyntaxError, RecursionError, MemoryError, EOFError, UnicodeDecodeError) as error:
+    except NPY_ERRORS as error:
         raise ModelError(f"expected tensor {name!r} as .npy (got {one_line(error)})") from error
     if found_shape != shape or found_dtype != dtype or fortran:
         raise ModelError(
@@ -206,4 +209,5 @@ def read_tensor(name: str, content: bytes, shape: tuple[int, ...], dtype: np.dty
 def one_line(value: object) -> str:
     """What a hostile file holds, cut to what fits into one line of an error."""
     text = " ".join(str(value).split()) or type(value).__name__
+    text = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text[:201])
     return text if len(text) <= 200 else f"{text[:200]}…"
