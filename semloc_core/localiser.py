@@ -7,7 +7,6 @@ every query and explain only some: `apply` takes an update in, `locate` answers 
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,6 +21,7 @@ from semloc_core.explain.explainers import explain
 from semloc_core.explain.fidelity import own_fidelity
 from semloc_core.explain.similarity import SimilarityQuery
 from semloc_core.map_database import LoadedMap
+from semloc_core.name_counter import NameCounter
 from semloc_core.place_graph import Batch, extract
 from semloc_core.posterior import CANDIDATES, Ranking, modes, place_probabilities
 from semloc_core.radius_index import RadiusIndex
@@ -106,7 +106,7 @@ class Localiser:
 
     map: LoadedMap
     config: LocaliserConfig = field(default_factory=LocaliserConfig)
-    unknown_classes: Counter[str] = field(default_factory=Counter)
+    unknown_classes: NameCounter = field(default_factory=NameCounter)
 
     def __post_init__(self) -> None:
         self.stream = UpdateStream()
@@ -158,7 +158,7 @@ class Localiser:
         self._visibility = other._visibility if same else Visibility(graph, radius_m)
         for item in graph.objects.values():
             if self.map.model.labelspace.index(item.class_) < 0:
-                self.unknown_classes[item.class_] += 1
+                self.unknown_classes.see(item.class_)
 
     # -- 1. the update into the graph -----------------------------------------------------------------------
 
@@ -180,7 +180,7 @@ class Localiser:
             self._visibility.update(change)
         for item in update.objects:
             if outcome is Outcome.APPLIED and self.map.model.labelspace.index(item.class_) < 0:
-                self.unknown_classes[item.class_] += 1
+                self.unknown_classes.see(item.class_)
         return outcome
 
     # -- 2. the query place, embedded and looked up ---------------------------------------------------------

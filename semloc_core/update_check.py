@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Container
 
 from semloc_core.errors import GraphError
-from semloc_core.wire import Object, Place, SceneGraphUpdate
+from semloc_core.wire import Object, Place, SceneGraphUpdate, one_line
 
 MAX_COORDINATE_M = 1e9  # beyond it a length would not be a number that means anything
 
@@ -24,6 +24,13 @@ def check_update(update: SceneGraphUpdate, known_places: Container[str], known_o
         GraphError: the first thing that is wrong, in one line; see `semloc_core.scene_graph.SceneGraph.apply`.
 
     """
+    try:
+        _check(update, known_places, known_objects)
+    except GraphError as error:  # ids may be as long as a message
+        raise GraphError(one_line(str(error))) from None
+
+
+def _check(update: SceneGraphUpdate, known_places: Container[str], known_objects: Container[str]) -> None:
     places = {place.id for place in update.places}
     objects = {thing.id for thing in update.objects}
     if len(places) < len(update.places) or len(objects) < len(update.objects) or places & objects:
