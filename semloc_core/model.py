@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +18,7 @@ from semloc_core.errors import ConfigError, LabelspaceError, ModelError
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.labelspace import Labelspace
 from semloc_core.place_graph import Batch
+from semloc_core.whole_file import write_whole
 
 ROOTS_AT_ONCE = 1024  # places a batch, where each place brings copies of the objects in its reach
 
@@ -118,16 +118,9 @@ class Model:
             ModelError: the file can't be written.
 
         """
-        path, data = Path(path), self.to_bytes()
-        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
         try:
-            with temporary.open("wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(path)
+            write_whole(path, self.to_bytes())
         except OSError as error:
-            temporary.unlink(missing_ok=True)
             raise ModelError(f"expected a path to write the model to (got {path}: {error.strerror})") from error
 
     @classmethod

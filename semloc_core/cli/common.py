@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from semloc_core.errors import FileFormatError
+from semloc_core.whole_file import write_whole
 
 if TYPE_CHECKING:
     from semloc_core.hydra import HydraFile
@@ -121,4 +122,4 @@ def show(
 
     print_table(rows, title=title, console=console)
     if json_file is not None:
-        json_file.write_bytes(document(command, seed, [str(p) for p in inputs], rows))
+        write_whole(json_file, document(command, seed, [str(p) for p in inputs], rows))

@@ -18,6 +18,7 @@ from semloc_core.cli.common import (
     read_graph,
     report_unknown_classes,
 )
+from semloc_core.whole_file import write_whole
 
 
 def introspect(
@@ -93,10 +94,10 @@ def introspect(
         console.print(f"hypothesis {number}: {said}")
     if json_file is not None:
         rows = [*table, *found.rows, *found.hypotheses]
-        json_file.write_bytes(document("introspect", seed, [str(graph)], rows))
+        write_whole(json_file, document("introspect", seed, [str(graph)], rows))
     if output is not None:
         from semloc_core.report.introspection_report import introspection_page
 
         text = introspection_page(found, arrays.name)
-        output.write_text(text, encoding="utf-8", newline="\n")
+        write_whole(output, text.encode())
         console.print(f"{output}: {len(text.encode()) / 1e3:.0f} kB")

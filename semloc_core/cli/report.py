@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from semloc_core.cli.common import console
+from semloc_core.whole_file import write_whole
 
 app = typer.Typer(
     no_args_is_help=True, help="Make pages and pictures of what was measured; they open without a network."
@@ -41,7 +42,7 @@ def replay(
     loaded = load(map_file)
     data = read_results(results, loaded, run=run, node=node)
     text = replay_page(data, loaded, results.name)
-    output.write_text(text, encoding="utf-8", newline="\n")
+    write_whole(output, text.encode())
     console.print(f"{output}: {data.answers} answers, {len(text.encode()) / 1e3:.0f} kB")
 
 
@@ -60,5 +61,5 @@ def picture(
 
     loaded = load(map_file)
     content = answer_picture(read_results(results, loaded, run=run, node=node), loaded)
-    output.write_bytes(content)
+    write_whole(output, content)
     console.print(f"{output}: {len(content) / 1e3:.0f} kB")

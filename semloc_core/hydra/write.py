@@ -13,6 +13,7 @@ from semloc_core.errors import FileFormatError
 from semloc_core.hydra.format import OBJECT_LABELSPACE
 from semloc_core.labelspace import Labelspace
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.whole_file import write_whole
 from semloc_core.wire import Object, Position
 
 OBJECTS, PLACES, ROOMS, BUILDINGS = 2, 3, 4, 5
@@ -90,7 +91,7 @@ def write_hydra(
         "nodes": nodes,
     }
     try:
-        Path(path).write_bytes(msgspec.json.encode(document))
+        write_whole(path, msgspec.json.encode(document))
     except OSError as error:
         raise FileFormatError(f"expected to write a Hydra file at {path} (got: {error.strerror})") from error
 
