@@ -75,8 +75,8 @@ def damage_json(data: bytes, rng: random.Random) -> bytes:
                 at[key] = copy.deepcopy(other[other_key])
         elif kind == 6 and isinstance(at, list):
             rng.shuffle(at)
-        elif kind == 7 and isinstance(at[key], int | float) and not isinstance(at[key], bool):
-            at[key] = at[key] + rng.choice((-1, 1, 1e-9, 0.5, 1e6))
+        elif kind == 7 and type(at[key]) in (int, float) and abs(at[key]) < 1e300:
+            at[key] += rng.choice((-1, 1, 1e-9, 0.5, 1e6))
     text = json.dumps(document, ensure_ascii=rng.random() < 0.5)
     return text.encode("utf-8", "surrogatepass")
 
