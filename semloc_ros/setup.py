@@ -46,9 +46,9 @@ setup(
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
-            f"localiser = {NAME}.node:main",
-            f"scene_graph_player = {NAME}.player:main",
-            f"hydra_bridge = {NAME}.hydra_bridge:main",
+            f"localiser = {NAME}.commands:localiser",
+            f"scene_graph_player = {NAME}.commands:scene_graph_player",
+            f"hydra_bridge = {NAME}.commands:hydra_bridge",
         ]
     },
 )

@@ -111,9 +111,11 @@ class Explaining:
     def explain(self, located: Located, config: LocaliserConfig) -> None:
         """Have an answer explained; if an earlier one still waits, this one takes its place."""
         with self._lock:
+            if self._stopped:
+                return
             self.counts.skipped += self._latest is not None
             self._latest = _Job(located, config)
-        self._wake()
+            self._wake()
 
     def ask(self, located: Located, config: LocaliserConfig, request: wire.ExplainRequest) -> Future[str]:
         """Have a request answered about an embedded query.
@@ -129,14 +131,16 @@ class Explaining:
                 job.future.set_exception(SemlocError("expected a running localiser (got one that was stopped)"))
                 return job.future
             self._requests.append(job)
-        self._wake()
+            self._wake()
         return job.future
 
     def stop(self) -> None:
-        """End the process and the thread; what waits is not answered."""
+        """End the process and the thread; what waits is not answered. Does nothing the second time."""
         with self._lock:
+            if self._stopped:
+                return
             self._stopped = True
-        self._wake()
+            self._wake()
         self._thread.join()
         self._end_process()
         for job in [self._job, *self._requests]:

@@ -77,6 +77,7 @@ class LocaliserNode(LifecycleNode):
         super().__init__("localiser", **kwargs)
         declare(self, NodeConfig, READ_ONLY)
         declare(self, LocaliserConfig)
+        read(self, NodeConfig), read(self, LocaliserConfig)  # refuses what a range can't say, such as an unknown name
         self._session: Session | None = None
         self._entities: list[Callable[[], object]] = []
         self._map_lock = threading.Lock()
@@ -139,8 +140,14 @@ class LocaliserNode(LifecycleNode):
         """Free all, so that the node can be configured again."""
         self.free()
 
+    def stop(self) -> None:
+        """End what callbacks may be waiting for; the node can only be freed after this."""
+        if self._session is not None:
+            self._session.stop()
+
     def free(self) -> None:
         """Free all that configure made; does nothing where nothing is configured."""
+        self.stop()
         session, self._session = self._session, None
         for destroy in self._entities:
             destroy()
@@ -294,7 +301,7 @@ def _refused(response: Trigger.Response, line: str) -> Trigger.Response:
 def main() -> int:
     """Run the node until SIGINT or SIGTERM."""
     torch.set_num_threads(1)  # the same figures on every machine, and cores left for the robot
-    return run(LocaliserNode, LocaliserNode.start, LocaliserNode.free)
+    return run(LocaliserNode, LocaliserNode.start, LocaliserNode.stop, LocaliserNode.free)
 
 
 if __name__ == "__main__":

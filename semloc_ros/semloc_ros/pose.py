@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.wire import Match, PlaceMatches, Position
+from semloc_core.wire import PlaceMatches, Position
 
 PLACE_STD_M = 0.5
 """A place stands for the free space around it: no match says more than this, per axis."""
@@ -64,7 +64,7 @@ def pose_of(answer: PlaceMatches) -> Pose | None:
 
 
 class Consistency:
-    """Says when k matches in a row agree: same building, and no step longer than the matching radius.
+    """Says how many matches in a row agree: same map, same building, no step longer than the matching radius.
 
     Args:
         radius_m: the matching radius, metres.
@@ -73,7 +73,7 @@ class Consistency:
 
     def __init__(self, radius_m: float) -> None:
         self._radius_m = radius_m
-        self._last: Match | None = None
+        self._last: PlaceMatches | None = None
         self._length = 0
 
     def add(self, answer: PlaceMatches) -> int:
@@ -86,8 +86,14 @@ class Consistency:
         if answer.status != "match" or not answer.matches:
             self._last, self._length = None, 0
             return 0
-        best, last = answer.matches[0], self._last
-        agrees = last is not None and last.map == best.map and math.dist(last.position, best.position) <= self._radius_m
-        self._length = self._length + 1 if agrees else 1
-        self._last = best
+        self._length = self._length + 1 if self._last is not None and self._agree(self._last, answer) else 1
+        self._last = answer
         return self._length
+
+    def _agree(self, last: PlaceMatches, answer: PlaceMatches) -> bool:
+        before, best = last.matches[0], answer.matches[0]
+        return (
+            last.map == answer.map
+            and before.map == best.map
+            and math.dist(before.position, best.position) <= self._radius_m
+        )

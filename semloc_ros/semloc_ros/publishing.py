@@ -61,6 +61,7 @@ class Publishing:
         self._markers = make(MarkerArray, "~/markers", qos.LATEST)
         self._map_markers = make(MarkerArray, "~/map_markers", qos.LATCHED)
         self._consistency = Consistency(MATCH_RADIUS_M)
+        self._seeded = False
         self._ids = MarkerIds()
         self._around: dict[int, Surroundings] = {}
 
@@ -88,13 +89,14 @@ class Publishing:
         latency_ms = (time.monotonic_ns() - answer.received_ns) / 1e6
         self._matches.publish(conversions.matches_string(matches, latency_ms))
         pose = pose_of(matches)
+        agreeing = self._consistency.add(matches)
+        self._seeded &= agreeing > 1
         if pose is not None:
             message = conversions.pose_msg(pose, matches.stamp_ns, matches.frame_id)
             self._pose.publish(message)
-            if initialpose_after and self._consistency.add(matches) == initialpose_after:
+            if initialpose_after and not self._seeded and agreeing >= initialpose_after:
                 self._initialpose.publish(message)
-        else:
-            self._consistency.add(matches)
+                self._seeded = True
         if self._markers.get_subscription_count():
             self._markers.publish(match_markers(matches, config.top_n))
         return latency_ms

@@ -39,6 +39,7 @@ SPIN_S = 0.2
 def run(
     make: Callable[[], N],
     start: Callable[[N], None] | None = None,
+    stop: Callable[[N], None] | None = None,
     free: Callable[[N], None] | None = None,
 ) -> int:
     """Run a node until SIGINT or SIGTERM.
@@ -46,16 +47,17 @@ def run(
     Args:
         make: makes the node.
         start: called once it exists, before it spins.
-        free: called before it is destroyed, while it can still publish.
+        stop: called when no more callbacks begin: those that still run are to find an end.
+        free: called when none runs any more, before the node is destroyed, while it can still publish.
 
     Returns:
         The exit status: 0 after a signal, 1 after a failure while it ran, 2 where its parameters are not allowed.
 
     """
     # Our own handlers: rclpy's end the context at once, while threads still publish.
-    stop = threading.Event()
+    ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+        signal.signal(number, lambda *_: ended.set())
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = make()
@@ -69,26 +71,30 @@ def run(
 
     def spin() -> None:
         try:
-            while not stop.is_set():
+            while not ended.is_set():
                 executor.spin_once(timeout_sec=SPIN_S)
         except BaseException as error:
             failed.append(error)
         finally:
-            stop.set()
+            ended.set()
 
     try:
         if start is not None:
             start(node)
         spinning = threading.Thread(target=spin, name="executor", daemon=True)
         spinning.start()
-        stop.wait()
+        ended.wait()
         spinning.join()
         for error in failed:
             node.get_logger().fatal(f"the node failed: {type(error).__name__}: {error}")
     finally:
+        if stop is not None:
+            stop(node)
+        # rclpy's own shutdown waits for no callback, and one that outlives the context ends the process.
+        executor._executor.shutdown(wait=True, cancel_futures=True)
         if free is not None:
             free(node)
-        executor.shutdown(timeout_sec=5.0)
+        executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
     return 1 if failed else 0

@@ -57,10 +57,14 @@ class Session:
         self.explaining = Explaining(self._on_attributions, config.explain_deadline_s)
         self.worker = Worker(localiser, self._on_answer, on_rejected)
 
-    def close(self) -> None:
-        """End threads and process, free the publishers."""
+    def stop(self) -> None:
+        """End threads and process; who waits for an answer gets an error."""
         self.worker.stop()
         self.explaining.stop()
+
+    def close(self) -> None:
+        """End all, free the publishers."""
+        self.stop()
         self._publishing.destroy()
 
     def configure(self, config: NodeConfig) -> None:

@@ -247,8 +247,8 @@ def test_the_pose_comes_with_matches_only_and_says_how_sure_it_is(localiser, cli
     assert len(side.seen["/localiser/pose"]) == 1
 
 
-def test_initialpose_is_seeded_once_after_consistent_matches_and_never_by_default(localiser, client):
-    node = localiser(accept_probability=0.0)
+def test_initialpose_is_seeded_once_after_consistent_matches_and_never_by_default(localiser, client, assets):
+    localiser(accept_probability=0.0)
     side = client().connect()
     run = updates(speed_mps=0.1)
     for count, update in enumerate(run[:4], 1):
@@ -256,13 +256,17 @@ def test_initialpose_is_seeded_once_after_consistent_matches_and_never_by_defaul
         side.wait_matches(count)
     assert side.seen["initialpose"] == []
     assert side.set(initialpose_after=3)[0].successful
-    node._session._publishing._consistency = type(node._session._publishing._consistency)(4.0)
     for count, update in enumerate(run[4:12], 5):
         side.send(update)
         side.wait_matches(count)
     wait_for(lambda: side.seen["initialpose"])
     time.sleep(0.3)
     assert len(side.seen["initialpose"]) == 1
+    assert side.set(map=str(assets / "both.map"))[0].successful  # which has a frame of its own
+    for count, update in enumerate(run[12:16], 13):
+        side.send(update)
+        side.wait_matches(count)
+    wait_for(lambda: len(side.seen["initialpose"]) == 2)
 
 
 def test_markers_have_stable_ids_and_are_cleared_with_the_map(localiser, client, assets):

@@ -22,8 +22,8 @@ def generate_test_description():
     return describe(
         player("one", seed=1, frame_id="one_map"),
         localiser(namespace="one", frame_id="one_answers"),
-        player("two", seed=2, frame_id="two_map"),
-        localiser(namespace="two", frame_id="two_answers"),
+        player("two", remappings=[("scene_graph", "hydra/graph")], seed=2, frame_id="two_map"),
+        localiser(namespace="two", remappings=[("scene_graph", "hydra/graph")], frame_id="two_answers"),
     )
 
 
@@ -40,6 +40,9 @@ class TestRobots(Watching):
         assert {a.frame_id for a in two} == {"two_answers"}
         assert not {a.stamp_ns for a in one} & {a.stamp_ns for a in two}
         assert {a.map.hash for a in one} == {a.map.hash for a in two}
+        topics = dict(self.client.node.get_topic_names_and_types())
+        assert "/two/hydra/graph" in topics
+        assert self.client.node.count_publishers("/two/scene_graph") == 1  # that of this test, which is never used
 
     def test_diagnostics_say_which_robot_they_are_of(self):
         for name in self.names:

@@ -43,7 +43,7 @@ def localiser(map_name="home.map", namespace="", respawn=False, remappings=(), *
     )
 
 
-def player(namespace="", **parameters):
+def player(namespace="", remappings=(), **parameters):
     """Describe a player of the test building, which loops."""
     values = {"graph": str(ASSETS / "home.json"), "loop": True, "rate_hz": 5.0, "full_every_s": 2.0, "distance_m": 30.0}
     return Node(
@@ -52,6 +52,7 @@ def player(namespace="", **parameters):
         name="player",
         namespace=namespace,
         parameters=[values | parameters],
+        remappings=list(remappings),
         output="screen",
     )
 
@@ -78,13 +79,21 @@ class Watching(unittest.TestCase):
         cls.executor = SingleThreadedExecutor()
         for node in cls.nodes:
             cls.executor.add_node(node)
-        cls.spinning = threading.Thread(target=cls.executor.spin, daemon=True)
+        cls.ended = threading.Event()
+        cls.spinning = threading.Thread(target=cls.spin, daemon=True)
         cls.spinning.start()
 
     @classmethod
+    def spin(cls):
+        """Spin until it ends; the executor's own shutdown would free what its `spin` still uses."""
+        while not cls.ended.is_set():
+            cls.executor.spin_once(timeout_sec=0.1)
+
+    @classmethod
     def tearDownClass(cls):
+        cls.ended.set()
+        cls.spinning.join()
         cls.executor.shutdown()
-        cls.spinning.join(10)
         for node in cls.nodes:
             node.destroy_node()
         rclpy.try_shutdown()
