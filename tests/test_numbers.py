@@ -1,0 +1,109 @@
+"""What must not change an answer: how many are asked at once, the order in a message, threads, the processor."""
+
+import os
+import random
+import subprocess
+import sys
+
+import msgspec
+import numpy as np
+import pytest
+import torch
+from small_building import SPACE, building_update, make_map, make_model
+
+from semloc_core import wire
+from semloc_core.encoder import ENCODERS
+from semloc_core.localiser import Localiser
+from semloc_core.model import embed_batch
+from semloc_core.place_graph import Batch, extract
+from semloc_core.scene_graph import SceneGraph
+from semloc_core.visibility import Visibility
+
+CLOSE = 1e-5
+LEARNED = [name for name in ENCODERS if name not in ("bag_of_words", "tfidf", "histogram")]
+
+
+def batch_of(model, places: list[str]) -> Batch:
+    graph = SceneGraph.from_update(building_update(30, 20))
+    extraction = model.encoder.extraction
+    return extract(graph, Visibility(graph, extraction.visibility_m), SPACE, places, extraction)
+
+
+@pytest.mark.parametrize("name", LEARNED)
+def test_a_batch_of_one_is_as_a_batch_of_many(name):
+    model = make_model(name)
+    places = [f"p{i}" for i in range(30)]
+    many = embed_batch(model, batch_of(model, places))
+    one = np.concatenate([embed_batch(model, batch_of(model, [place])) for place in places])
+    assert np.abs(many - one).max() < CLOSE
+
+
+@pytest.mark.parametrize("name", LEARNED)
+def test_the_order_of_nodes_and_edges_in_a_message_does_not_matter(name, tmp_path):
+    """Byte for byte, explanation included."""
+    loaded = make_map(tmp_path / "home.map", make_model(name), home=building_update(30, 20))
+    update, rng, answers = building_update(30, 20), random.Random(0), set()
+    for _ in range(4):
+        parts = {part: rng.sample(getattr(update, part), len(getattr(update, part))) for part in ("places", "objects")}
+        edges = [pair if rng.random() < 0.5 else pair[::-1] for pair in rng.sample(update.edges, len(update.edges))]
+        result = Localiser(loaded).update(msgspec.structs.replace(update, **parts, edges=edges))
+        assert result.attributions is not None
+        answers.add(wire.encode(result.matches) + wire.encode(result.attributions))
+    assert len(answers) == 1
+
+
+def test_the_number_of_threads_does_not_matter(tmp_path):
+    """Byte for byte: the wire rounds to 6 decimals, and the few candidates of a search are scored in float64."""
+    loaded = make_map(tmp_path / "home.map", make_model("paper"), home=building_update(30, 20))
+    (tmp_path / "update.json").write_bytes(wire.encode(building_update(30, 20)))
+    program = f"""
+import sys, torch
+torch.set_num_threads(int(sys.argv[1]))
+from semloc_core import wire
+from semloc_core.localiser import Localiser
+from semloc_core.map_database import load
+result = Localiser(load({str(tmp_path / "home.map")!r})).update(open({str(tmp_path / "update.json")!r}).read())
+sys.stdout.buffer.write(wire.encode(result.matches) + wire.encode(result.attributions))
+"""
+    said = {
+        subprocess.run(
+            [sys.executable, "-c", program, threads],
+            env={**os.environ, "OMP_NUM_THREADS": threads},
+            capture_output=True,
+            check=True,
+        ).stdout
+        for threads in ("1", "2")
+    }
+    assert len(said) == 1
+    assert loaded.hash.encode() in said.pop()
+
+
+@pytest.mark.parametrize("poison", [float("nan"), float("inf"), 1e38])
+def test_weights_that_overflow_are_refused_or_do_no_harm(poison, tmp_path):
+    """NaN can't get out: of a checkpoint, of a map, of a message."""
+    model = make_model("paper")
+    with torch.no_grad():
+        model.encoder.embed.bias[0] = poison
+    if poison != 1e38:
+        with pytest.raises(Exception, match="finite"):
+            type(model).from_bytes(model.to_bytes())
+        with pytest.raises(Exception, match="finite"):
+            make_map(tmp_path / "home.map", model, home=building_update())
+        return
+    loaded = make_map(tmp_path / "home.map", model, home=building_update())
+    result = Localiser(loaded).update(building_update())
+    wire.decode(wire.encode(result.matches), wire.PlaceMatches)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+@pytest.mark.parametrize("name", LEARNED)
+def test_a_gpu_gives_what_the_processor_gives(name):
+    """Within 1e-4: another order of sums, and TF32 off."""
+    torch.backends.cuda.matmul.allow_tf32 = False
+    model = make_model(name)
+    batch = batch_of(model, [f"p{i}" for i in range(30)])
+    here = embed_batch(model, batch)
+    fields = {key: value.cuda() if isinstance(value, torch.Tensor) else value for key, value in vars(batch).items()}
+    model.encoder.cuda()
+    there = embed_batch(model, Batch(**fields))
+    assert np.abs(here - there).max() < 1e-4
