@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from semloc_core.cli.common import Seed, console
+from semloc_core.cli.common import Seed, console, progress
 
-app = typer.Typer(no_args_is_help=True, help="Generate a building.")
+app = typer.Typer(no_args_is_help=True, help="Generate buildings.")
 
 
 @app.command("office")
@@ -25,3 +25,46 @@ def office(
     world = make_office(OfficeConfig(), np.random.default_rng(seed))
     write_world(output, world)
     console.print(f"{output}: {len(world.graph.places)} places, {len(world.graph.objects)} objects")
+
+
+@app.command("home")
+def home(
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="GRAPH", help="Where to write the graph (JSON).")],
+    seed: Seed = 0,
+) -> None:
+    """A home with furniture of COCO's classes, drawn at random, as a Hydra v1.1 file."""
+    import numpy as np
+
+    from semloc_core.world import KINDS, draw_pair, write_world
+
+    world, _ = draw_pair(KINDS["home"], np.random.default_rng(seed))
+    write_world(output, world)
+    console.print(f"{output}: {len(world.graph.places)} places, {len(world.graph.objects)} objects")
+
+
+@app.command("many")
+def many(
+    root: Annotated[Path, typer.Argument(metavar="ROOT", help="Folder to write to: ROOT/*/map.json and query.json.")],
+    kind: Annotated[
+        Literal["home", "coco_office", "office"],
+        typer.Option(help="Homes or offices of COCO's classes, or offices of uHumans2's."),
+    ] = "home",
+    count: Annotated[int, typer.Option(min=1, max=10_000, help="How many buildings.")] = 12,
+    seed: Seed = 0,
+) -> None:
+    """Buildings of a kind, no two alike, each mapped and seen again by a detector, as `semloc evaluate` reads them."""
+    import numpy as np
+
+    from semloc_core.world import KINDS, draw_pair, write_world
+
+    places = 0
+    with progress("building") as bar:
+        for i in range(count):
+            bar(i, count, kind)
+            folder = root / f"{kind}_{seed}_{i:03d}"
+            folder.mkdir(parents=True, exist_ok=True)
+            mapped, seen = draw_pair(KINDS[kind], np.random.default_rng([seed, i]))
+            write_world(folder / "map.json", mapped)
+            write_world(folder / "query.json", seen)
+            places += len(mapped.graph.places)
+    console.print(f"{root}: {count} buildings, {places} places mapped")

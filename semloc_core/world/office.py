@@ -16,6 +16,7 @@ from semloc_core.wire import Object, Place, SceneGraphUpdate
 from semloc_core.world.floor_plan import CORRIDOR, FloorPlan, RoomKind, corridor_plan
 from semloc_core.world.furniture import Furniture, Item, furnish
 from semloc_core.world.places import Floats, Ints, largest_component, sample_places, traversability
+from semloc_core.world.second_run import SecondRun, detect
 
 OFFICE_ROOMS = (
     RoomKind("open plan", 3, (12.2, 17.4), door_m=3.0),
@@ -122,7 +123,30 @@ def make_office(config: OfficeConfig, rng: np.random.Generator) -> World:
         ConfigError: the furniture does not fit.
 
     """
-    labelspace = load_labelspace(config.labelspace)
+    plan, items = _furnished(config, rng)
+    return _laid_out(config, plan, items, items, rng)
+
+
+def make_world_pair(
+    config: OfficeConfig, rng: np.random.Generator, run: SecondRun | None = None
+) -> tuple[World, World]:
+    """Build a world, and the same building as a detector saw it on another run: its places are its own.
+
+    Args:
+        config: what to build.
+        rng: the only source of randomness.
+        run: what the detector misses and invents; None for the defaults.
+
+    Raises:
+        ConfigError: the furniture does not fit.
+
+    """
+    plan, items = _furnished(config, rng)
+    mapped = _laid_out(config, plan, items, items, rng)
+    return mapped, _laid_out(config, plan, items, detect(plan, items, run or SecondRun(), rng), rng)
+
+
+def _furnished(config: OfficeConfig, rng: np.random.Generator) -> tuple[FloorPlan, list[Item]]:
     plan = corridor_plan(
         config.rooms,
         rng,
@@ -132,7 +156,14 @@ def make_office(config: OfficeConfig, rng: np.random.Generator) -> World:
         passages=config.passages,
         passage_m=config.passage_m,
     )
-    items = furnish(plan, config.furniture, rng)
+    return plan, furnish(plan, config.furniture, rng)
+
+
+def _laid_out(
+    config: OfficeConfig, plan: FloorPlan, items: Sequence[Item], seen: Sequence[Item], rng: np.random.Generator
+) -> World:
+    """Places between what stands there (``items``), objects as they were seen."""
+    labelspace = load_labelspace(config.labelspace)
     points, rooms = sample_places(plan, items, config.darts_per_m2, config.spacing_m, rng)
     edges = traversability(plan, items, points, rooms, config.max_edge_m)
     kept = largest_component(len(points), edges)
@@ -155,9 +186,9 @@ def make_office(config: OfficeConfig, rng: np.random.Generator) -> World:
                 Place(place_id, (float(x), float(y), float(z)))
                 for place_id, (x, y), z in zip(place_ids, points, heights, strict=True)
             ],
-            objects=[Object(node_id("O", i), item.class_, item.position, item.size) for i, item in enumerate(items)],
+            objects=[Object(node_id("O", i), item.class_, item.position, item.size) for i, item in enumerate(seen)],
             edges=[(place_ids[a], place_ids[b]) for a, b in edges.T]
-            + [(place_ids[_parent(item, plan, points, rooms)], node_id("O", i)) for i, item in enumerate(items)],
+            + [(place_ids[_parent(item, plan, points, rooms)], node_id("O", i)) for i, item in enumerate(seen)],
             query_place=None,
         )
     )
