@@ -166,8 +166,9 @@ class Client:
         return self.messages("attributions", wire.ClassAttributions)
 
     def wait_matches(self, count):
-        """Wait for so many matches."""
-        wait_for(lambda: len(self.matches) >= count, f"{count} matches")
+        """Wait for so many matches, and return all that came."""
+        seen = self.seen[f"{self.name}/matches"]
+        wait_for(lambda: len(seen) >= count, f"{count} matches")
         return self.matches
 
     def call(self, service):

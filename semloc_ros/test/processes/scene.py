@@ -101,8 +101,9 @@ class Watching(unittest.TestCase):
     def answers_after(self, count, client=None):
         """Wait for so many more matches."""
         client = client or self.client
-        before = len(client.matches)
-        wait_for(lambda: len(client.matches) >= before + count, f"{count} more matches", 120)
+        seen = client.seen[f"{client.name}/matches"]
+        before = len(seen)
+        wait_for(lambda: len(seen) >= before + count, f"{count} more matches", 120)
         return client.matches[before:]
 
 
