@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Ints = NDArray[np.int64]
+_REMEMBERED = 2**14
 
 
 class RadiusIndex:
@@ -24,6 +25,8 @@ class RadiusIndex:
         self._positions = positions
         self._building = building
         self._radius = radius_m
+        # A robot asks for the same places again and again; the map does not change.
+        self._known: dict[int, Ints] = {}
 
     @cached_property
     def _cells(self) -> tuple[dict[tuple[int, int, int], tuple[int, int]], Ints, Ints]:
@@ -41,7 +44,15 @@ class RadiusIndex:
         return cells, order, keys
 
     def within(self, row: int) -> Ints:
-        """Rows at most the radius away from place ``row``, itself among them, in rising order."""
+        """Rows at most the radius away from place ``row``, itself among them, in rising order; not to be changed."""
+        found = self._known.get(row)
+        if found is None:
+            if len(self._known) >= _REMEMBERED:
+                self._known.clear()
+            found = self._known[row] = self._within(row)
+        return found
+
+    def _within(self, row: int) -> Ints:
         cells, order, keys = self._cells
         b, x, y = (int(v) for v in keys[row])
         runs = [cells.get((b, x + dx, y + dy)) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]

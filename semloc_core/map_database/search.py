@@ -8,6 +8,8 @@ embeddings thus have equal similarities, and ties go to the lower row.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -15,11 +17,12 @@ from semloc_core.errors import MapError
 
 _BLOCK = 1024  # rows whose largest similarity stands for all of them
 _SCORED_AT_ONCE = 2**14
+_LARGE = 2**16  # rows from which on a copy by columns is kept: it no longer fits the caches
 _BATCH_VALUES = 2**24  # similarities held at a time: 64 MiB
 
 
 class ExactSearch:
-    """Search over the rows of a matrix, which is not copied.
+    """Search over the rows of a matrix, which is not copied unless it is large.
 
     Args:
         embeddings: (M, D) float32, C-contiguous.
@@ -72,12 +75,42 @@ class ExactSearch:
         step = max(1, _BATCH_VALUES // max(1, rows))
         for start in range(0, len(queries) if found else 0, step):
             chunk = queries[start : start + step]
-            rough = (self.embeddings @ chunk[0])[None] if len(chunk) == 1 else chunk @ self.embeddings.T
+            rough = self._rough(chunk[0])[None] if len(chunk) == 1 else chunk @ self.embeddings.T
             for row, query in enumerate(chunk, start):
                 indices[row], similarities[row] = self._best(rough[row - start], query, found, mask)
         if np.ndim(z) == 1:
             return indices[0], similarities[0]
         return indices, similarities
+
+    def everywhere(
+        self, z: NDArray[np.float32], k: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
+        """The k most similar rows as of `search`, and (M,) similarities of all, from one pass over the matrix.
+
+        The k agree with those of all; the rest are as BLAS rounds them.
+
+        Raises:
+            MapError: as `search`.
+
+        """
+        if z.shape != self.embeddings.shape[1:] or z.dtype != np.float32 or not np.isfinite(z).all() or k < 1:
+            wanted = f"k of at least 1 and a finite query of {self.embeddings.shape[1]} float32"
+            raise MapError(f"expected {wanted} (got {k} and {z.shape} {z.dtype})")
+        rough = self._rough(z)
+        rows, exact = self._best(rough, z, min(k, len(rough)), None)
+        rough[rows] = exact
+        return rows, exact, rough
+
+    def _rough(self, query: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(M,) similarities as BLAS rounds them."""
+        if len(self.embeddings) < _LARGE:
+            return self.embeddings @ query
+        return query @ self._columns
+
+    @cached_property
+    def _columns(self) -> NDArray[np.float32]:
+        """(D, M): BLAS goes through long rows faster than through many short ones, where memory is the limit."""
+        return np.ascontiguousarray(self.embeddings.T)
 
     def _best(
         self, rough: NDArray[np.float32], query: NDArray[np.float32], k: int, mask: NDArray[np.bool_] | None

@@ -96,12 +96,14 @@ def _known_objects(
 ) -> Callable[[str], Mapping[str, float]]:
     """What a place sees of classes that the labelspace has."""
     objects, index = graph.objects, labelspace.index
+    known: set[str] = set()  # an object is seen from many places: its class is looked up once
 
     def objects_of(place: str) -> Mapping[str, float]:
         seen = visibility.objects_of(place)
-        if all(index(objects[node].class_) >= 0 for node in seen):
+        if known.issuperset(seen):
             return seen
-        return {node: metres for node, metres in seen.items() if index(objects[node].class_) >= 0}
+        known.update(node for node in seen if node not in known and index(objects[node].class_) >= 0)
+        return seen if known.issuperset(seen) else {node: metres for node, metres in seen.items() if node in known}
 
     return objects_of
 

@@ -158,3 +158,20 @@ def test_refuses_a_query_without_an_answer(z: NDArray[np.float64], k: int, mask:
     search = ExactSearch(unit_rows(np.random.default_rng(7), 5))
     with pytest.raises(MapError, match=r"^expected .* \(got [^\n]*\)$"):
         search.search(z, k, mask)
+
+
+@pytest.mark.parametrize("rows", [1, 300, 70_000])
+def test_one_pass_finds_what_a_search_finds_and_knows_all_the_rest(rows: int) -> None:
+    """Also above the size from which a copy by columns is used."""
+    rng = np.random.default_rng(0)
+    embeddings = rng.standard_normal((rows, 8)).astype(np.float32)
+    search, z = ExactSearch(embeddings), rng.standard_normal(8).astype(np.float32)
+    best, exact, everywhere = search.everywhere(z, 20)
+    found, similarities = search.search(z, 20)
+    np.testing.assert_array_equal(best, found)
+    np.testing.assert_array_equal(exact, similarities)
+    np.testing.assert_array_equal(everywhere[best], exact)
+    np.testing.assert_allclose(everywhere, embeddings.astype(np.float64) @ z, atol=1e-5)
+    for wrong, k in ((np.full(8, np.nan, np.float32), 3), (z[:4], 3), (z.astype(np.float64), 3), (z, 0)):
+        with pytest.raises(MapError, match=r"^expected k of at least 1 .* \(got "):
+            search.everywhere(wrong, k)
