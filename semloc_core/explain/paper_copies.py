@@ -16,9 +16,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from semloc_core.encoder.gatv2 import NEGATIVE_SLOPE, GATv2
 from semloc_core.encoder.layers import SumLayer, trim
 from semloc_core.encoder.paper import TINY, PaperEncoder
+from semloc_core.explain.paper_root import Attended, RootAttention
 from semloc_core.place_graph import Batch
 
 MOST_NODES = 600
@@ -26,7 +26,7 @@ MOST_NODES = 600
 
 
 @dataclass(frozen=True, eq=False)
-class _Layer:
+class CopiedLayer:
     """A sum layer, its batch norm as a factor and an offset."""
 
     adjacency: Tensor  # (n_out, n_in): how many edges
@@ -37,7 +37,8 @@ class _Layer:
     shift: Tensor  # (H,)
 
     @classmethod
-    def of(cls, layer: SumLayer, adjacency: Tensor) -> _Layer:
+    def of(cls, layer: SumLayer, adjacency: Tensor) -> CopiedLayer:
+        """A layer in eval mode, on a graph."""
         norm = layer.norm
         mean, variance = cast("Tensor", norm.running_mean), cast("Tensor", norm.running_var)
         scale = norm.weight / torch.sqrt(variance + norm.eps)
@@ -56,18 +57,19 @@ class PaperCopies:
     """
 
     def __init__(self, encoder: PaperEncoder, batch: Batch) -> None:
+        self.encoder = encoder
         self._features = batch.features
         self._project, self._embed = encoder.project, encoder.embed
         edges = trim(batch, encoder.hops)
         nodes = batch.nodes_within
-        self._layers = []
+        self.layers = []
         for depth, layer in enumerate(encoder.layers, start=1):
             rows, columns = nodes[encoder.hops - depth], nodes[encoder.hops - depth + 1]
             source, target = edges.reaching(encoder.hops - depth)
             adjacency = torch.zeros(rows, columns)
             adjacency.index_put_((target, source), torch.ones(len(source)), accumulate=True)
-            self._layers.append(_Layer.of(cast("SumLayer", layer), adjacency))
-        self._gat = None if encoder.gat is None else _Root(encoder.gat, edges.reaching(0)[0])
+            self.layers.append(CopiedLayer.of(cast("SumLayer", layer), adjacency))
+        self._gat = None if encoder.gat is None else RootAttention(encoder.gat, edges.reaching(0)[0])
 
     @staticmethod
     def fits(encoder: object, batch: Batch) -> TypeGuard[PaperEncoder]:
@@ -77,9 +79,7 @@ class PaperCopies:
     def embed(self, features: Tensor | None, keep: Tensor | None) -> Tensor:
         """(K, D) of K variants; arguments as of `semloc_core.explain.similarity.Similarity`."""
         with torch.no_grad():
-            y = self._forward(features, keep)[-1]
-            length: Tensor = torch.linalg.vector_norm(y, dim=1, keepdim=True).clamp_min(TINY)
-            return y / length
+            return unit(self._forward(features, keep)[-1])
 
     def gradient(self, features: Tensor, target: Tensor, rows: Tensor) -> tuple[Tensor, Tensor]:
         """Scalar product with a target, and its gradient by the features of some nodes.
@@ -101,13 +101,13 @@ class PaperCopies:
             g = ((target - value[:, None] * z) / length) @ self._embed.weight  # (K, heads · H)
             width = states[-1].shape[2]
             g = self._gat.backward(g, attended, states[-1].shape) if self._gat is not None and attended else g[None]
-            for layer, tanh in zip(reversed(self._layers[1:]), reversed(states[1:]), strict=True):
+            for layer, tanh in zip(reversed(self.layers[1:]), reversed(states[1:]), strict=True):
                 g = _through(g, layer, tanh)
                 back = layer.adjacency.t() @ (g.view(-1, width) @ layer.message).view(len(g), -1)
                 back = back.view(-1, *g.shape[1:])
                 back[: len(g)] += (g.view(-1, width) @ layer.root).view_as(g)
                 g = back
-            layer = self._layers[0]
+            layer = self.layers[0]
             g = _through(g, layer, states[0])
             at_rows = layer.adjacency[:, rows].t() @ g.view(len(g), -1)
             at_rows = (at_rows.view(-1, width) @ layer.message).view(len(rows), -1, width)
@@ -118,26 +118,32 @@ class PaperCopies:
 
     def _forward(
         self, features: Tensor | None, keep: Tensor | None
-    ) -> tuple[_First, list[Tensor], _Attended | None, Tensor]:
+    ) -> tuple[_First, list[Tensor], Attended | None, Tensor]:
         """Kinds of first states; tanh of each layer (n, K, H); what the attention computed; (K, D) before the norm."""
         first = self._first(features)
         tanh = self._first_layer(first, keep)
         states = [tanh]
-        x = torch.addcmul(self._layers[0].shift, tanh, self._layers[0].scale)
-        for layer in self._layers[1:]:
-            n, k, width = len(layer.adjacency), *x.shape[1:]
-            from_ = x if keep is None else x * keep.t()[: len(x), :, None]
-            total = (layer.adjacency @ from_.view(len(x), -1)).view(-1, width)
-            pre = torch.addmm(layer.bias, total, layer.message.t()).addmm_(x[:n].reshape(-1, width), layer.root.t())
-            tanh = pre.tanh_().view(n, k, width)
+        x = torch.addcmul(self.layers[0].shift, tanh, self.layers[0].scale)
+        for layer in self.layers[1:]:
+            tanh = deeper(layer, x, keep)
             states.append(tanh)
             x = torch.addcmul(layer.shift, tanh, layer.scale)
+        attended, y = self.last(x, keep)
+        return first, states, attended, y
+
+    def last(self, x: Tensor, keep: Tensor | None) -> tuple[Attended | None, Tensor]:
+        """States near the root (n, K, H) -> what the attention computed, and (K, D) before the norm."""
         attended = None
         out = x[0]
         if self._gat is not None:
             attended = self._gat.forward(x, keep)
             out = attended.out
-        return first, states, attended, torch.addmm(self._embed.bias, out, self._embed.weight.t())
+        return attended, torch.addmm(self._embed.bias, out, self._embed.weight.t())
+
+    def kinds(self) -> tuple[Tensor, Tensor]:
+        """First states (kinds, H) of the place as it is, and (N,) which of them each node has."""
+        first = self._first(self._features[None])
+        return first.state[:, 0], first.kind
 
     def _first(self, features: Tensor | None) -> _First:
         """Project and ELU, once for all nodes that are alike in every variant."""
@@ -152,7 +158,7 @@ class PaperCopies:
 
     def _first_layer(self, first: _First, keep: Tensor | None) -> Tensor:
         """(n, K, H), tanh of the first layer."""
-        layer = self._layers[0]
+        layer = self.layers[0]
         n, width = len(layer.adjacency), first.state.shape[2]
         message = first.state @ layer.message.t()  # (kinds, K or 1, H)
         own = (first.state @ layer.root.t()).add_(layer.bias)
@@ -179,55 +185,21 @@ class _First:
     state: Tensor
 
 
-@dataclass(frozen=True, eq=False)
-class _Attended:
-    """What the attention's gradient needs: (R, K, heads · H) sent and its argument, (R, K, heads) weights."""
-
-    sent: Tensor
-    pair: Tensor
-    alpha: Tensor
-    out: Tensor  # (K, heads · H)
-
-
-class _Root:
-    """GATv2 towards the root alone."""
-
-    def __init__(self, gat: GATv2, source: Tensor) -> None:
-        self.gat = gat
-        self.rows = torch.cat([source, source.new_zeros(1)]) if gat.self_loops else source
-        # a matrix in place of a sum over each head: (heads · H, heads)
-        spread = torch.eye(gat.heads)[:, None, :] * gat.attention.detach()[:, :, None]
-        self.attention = spread.flatten(0, 1)
-
-    def forward(self, x: Tensor, keep: Tensor | None) -> _Attended:
-        heads, k, width = self.gat.heads, x.shape[1], x.shape[2]
-        sent = self.gat.source(x[self.rows].view(-1, width)).view(-1, k, heads * self.gat.outputs)
-        pair = sent + self.gat.target(x[0])
-        logits = (F.leaky_relu(pair, NEGATIVE_SLOPE).view(-1, pair.shape[2]) @ self.attention).view(-1, k, heads)
-        if keep is not None:
-            logits.masked_fill_(~keep.t()[self.rows][:, :, None], -torch.inf)
-        if not len(self.rows):
-            return _Attended(sent, pair, logits, self.gat.bias.expand(k, -1))
-        weight = torch.exp(logits - logits.amax(0).clamp_min(torch.finfo(x.dtype).min))
-        alpha = weight / weight.sum(0).clamp_min(torch.finfo(x.dtype).tiny)
-        out = (alpha[..., None] * sent.view(-1, k, heads, self.gat.outputs)).sum(0).flatten(1)
-        return _Attended(sent, pair, alpha, out + self.gat.bias)
-
-    def backward(self, g: Tensor, of: _Attended, shape: torch.Size) -> Tensor:
-        """(K, heads · H), the gradient by the output -> (n, K, H), by the states."""
-        by_head = g.view(-1, self.gat.heads, self.gat.outputs)  # (K, heads, H)
-        g_alpha = (of.sent.view(-1, *by_head.shape) * by_head).sum(3)
-        g_logits = of.alpha * (g_alpha - (of.alpha * g_alpha).sum(0))
-        g_pair = (g_logits.flatten(0, 1) @ self.attention.t()).view_as(of.pair)
-        g_pair *= torch.where(of.pair > 0, 1.0, NEGATIVE_SLOPE)
-        g_asked = g_pair.sum(0)
-        g_sent = g_pair.add_((of.alpha[..., None] * by_head).flatten(2))
-        back = (g_sent.view(-1, g_sent.shape[2]) @ self.gat.source.weight).view(-1, *shape[1:])
-        found: Tensor = back.new_zeros(shape).index_add_(0, self.rows, back)
-        found[0] += g_asked @ self.gat.target.weight
-        return found
+def deeper(layer: CopiedLayer, x: Tensor, keep: Tensor | None) -> Tensor:
+    """States (n', K, H) -> tanh of the next layer (n, K, H)."""
+    n, k, width = len(layer.adjacency), *x.shape[1:]
+    from_ = x if keep is None else x * keep.t()[: len(x), :, None]
+    total = (layer.adjacency @ from_.reshape(len(x), -1)).view(-1, width)
+    pre = torch.addmm(layer.bias, total, layer.message.t()).addmm_(x[:n].reshape(-1, width), layer.root.t())
+    return pre.tanh_().view(n, k, width)
 
 
-def _through(g: Tensor, layer: _Layer, tanh: Tensor) -> Tensor:
+def unit(y: Tensor) -> Tensor:
+    """(K, D) scaled to unit length; zero stays zero."""
+    length: Tensor = torch.linalg.vector_norm(y, dim=1, keepdim=True).clamp_min(TINY)
+    return y / length
+
+
+def _through(g: Tensor, layer: CopiedLayer, tanh: Tensor) -> Tensor:
     """Gradient by a layer's output -> by the argument of its tanh."""
     return g.mul(layer.scale).mul_(torch.addcmul(torch.ones(()), tanh, tanh, value=-1.0))

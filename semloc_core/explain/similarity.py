@@ -20,6 +20,7 @@ from semloc_core.encoder.base import Encoded, Encoder
 from semloc_core.errors import ModelError
 from semloc_core.explain.intrinsic import intrinsic_scores
 from semloc_core.explain.paper_copies import PaperCopies
+from semloc_core.explain.paper_removals import PaperRemovals
 from semloc_core.explain.scores import ObjectScores
 from semloc_core.place_graph import Batch, repeat
 
@@ -86,6 +87,8 @@ class PerturbedEncoder:
 
         """
         k = self._check(features, keep)
+        if features is None and keep is not None and self._removals is not None:
+            return self._removals.embed(keep)
         wants_gradient = features is not None and features.requires_grad
         with torch.inference_mode(False), torch.set_grad_enabled(wants_gradient):
             parts = [
@@ -130,6 +133,11 @@ class PerturbedEncoder:
             copies = copies.with_features(features[start:stop].flatten(0, 1).index_select(0, order))
         kept = keep[start:stop].flatten().index_select(0, order) if keep is not None else None
         return self._encoder(copies, keep=kept)  # type: ignore[no-any-return]  # nn.Module's call is untyped
+
+    @cached_property
+    def _removals(self) -> PaperRemovals | None:
+        paper = self._paper
+        return PaperRemovals(paper.encoder, self.batch, paper) if paper is not None else None
 
     def _make_copies(self, k: int) -> tuple[Batch, Tensor]:
         """The union of k copies, and for each of its rows where the node is in (k, N) order."""

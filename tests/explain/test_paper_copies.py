@@ -8,8 +8,10 @@ from small_building import SPACE, building_update
 
 from semloc_core.encoder import PaperEncoder, build_encoder
 from semloc_core.encoder.paper import PaperConfig
+from semloc_core.explain import state_table
 from semloc_core.explain.ego_cut import PlaceBatches
 from semloc_core.explain.paper_copies import MOST_NODES, PaperCopies
+from semloc_core.explain.paper_removals import PaperRemovals
 from semloc_core.explain.similarity import PerturbedEncoder
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.place_graph import Batch, repeat
@@ -63,6 +65,46 @@ def test_embeds_as_the_encoder_does(config: PaperConfig, given: str) -> None:
     with torch.no_grad():
         want = one_by_one(encoder, batch, x, mask)
     torch.testing.assert_close(PaperCopies(encoder, batch).embed(x, mask), want, atol=2e-6, rtol=0)
+
+
+@pytest.mark.parametrize("config", CONFIGS, ids=str)
+def test_removals_embed_as_the_encoder_does(config: PaperConfig) -> None:
+    """Objects and places gone, in one table; and nothing gone at all."""
+    encoder, batch = case(config)
+    keep = torch.rand(40, batch.n_nodes, generator=torch.Generator().manual_seed(3)) < 0.6
+    keep[:, 0] = True
+    keep[0] = torch.arange(batch.n_nodes) == 0
+    keep[1] = True
+    removals = PaperRemovals(encoder, batch, PaperCopies(encoder, batch))
+    with torch.no_grad():
+        want = one_by_one(encoder, batch, None, keep)
+        torch.testing.assert_close(removals.embed(keep), want, atol=2e-6, rtol=0)
+        torch.testing.assert_close(removals.embed(keep[1:2]), want[1:2], atol=2e-6, rtol=0)
+
+
+@pytest.mark.parametrize("limit", ["MOST_CODES", "EXACT"])
+def test_where_counts_are_too_many_for_a_table(monkeypatch, limit: str) -> None:
+    """Told apart by sorting, or embedded without a table: the same numbers."""
+    encoder, batch = case(PaperConfig())
+    keep = torch.rand(30, batch.n_nodes, generator=torch.Generator().manual_seed(3)) < 0.6
+    keep[:, 0] = True
+    whole = PaperRemovals(encoder, batch, PaperCopies(encoder, batch)).embed(keep)
+    monkeypatch.setattr(state_table, limit, 2)
+    removals = PaperRemovals(encoder, batch, PaperCopies(encoder, batch))
+    torch.testing.assert_close(removals.embed(keep), whole, atol=2e-6, rtol=0)
+
+
+def test_each_count_is_in_the_table_once() -> None:
+    """Two objects of one kind are interchangeable: four ways to keep them are three states."""
+    adjacency = torch.tensor([[0.0, 1.0, 1.0, 1.0], [1.0, 0.0, 0.0, 0.0]])
+    first = state_table.FirstLayer(adjacency, torch.tensor([0, 1, 1, 0]))
+    keep = torch.tensor([[1, 0, 0, 1], [1, 0, 1, 1], [1, 1, 0, 1], [1, 1, 1, 1]], dtype=torch.bool)
+    table = first.table(keep)
+    assert table is not None
+    assert table.counts[table.index[:, 0]].tolist() == [[1, 0], [1, 1], [1, 1], [1, 2]]
+    assert len(set(table.index[:, 0].tolist())) == 3
+    assert table.counts[table.index[:, 1]].tolist() == [[1, 0]] * 4
+    assert table.own[table.index].tolist() == [[0, 1]] * 4
 
 
 @pytest.mark.parametrize("config", CONFIGS, ids=str)
