@@ -26,6 +26,10 @@ def introspect(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="HTML", help="Write the study as one page.")
     ] = None,
+    keep_file: Annotated[
+        Path | None,
+        typer.Option("--keep", metavar="FILE", help="Keep the page's content, for `semloc report` to use."),
+    ] = None,
     labelspace: LabelspaceOption = None,
     seeds: Annotated[int, typer.Option("--seeds", min=1, help="Trainings, with seeds from --seed on.")] = 3,
     methods: Annotated[
@@ -46,9 +50,11 @@ def introspect(
     from semloc_core.evaluate.hypotheses import overall
     from semloc_core.evaluate.introspect import introspect as study
     from semloc_core.evaluate.introspect_rows import ranking_rows
+    from semloc_core.evaluate.introspect_sanity import mean_rows
     from semloc_core.evaluate.mobility_study import MOVED_M
     from semloc_core.evaluate.table import document, print_table
     from semloc_core.explain.explainers import EXPLAINERS, check_methods
+    from semloc_core.explain.fidelity import BUDGET
     from semloc_core.graph_arrays import GraphArrays
     from semloc_core.labelspace import count_unknown
     from semloc_core.training.config import TrainConfig
@@ -77,13 +83,15 @@ def introspect(
     for row in table:  # a line each, because class names are long
         ranked = [str(value) for name, value in row.items() if name not in ("method", "scope")]
         console.print(f"  {row['method']:22}{row['scope']:8}{' > '.join(ranked)}")
-    at_budget = [row for row in found.rows if row.get("budget") == 0.3]
-    print_table(at_budget, title="fidelity at a budget of 0.3", console=console)
+    at_budget = [row for row in found.table if row.get("budget") == BUDGET]
+    print_table(at_budget, title=f"fidelity at a budget of {BUDGET:g}", console=console)
+    print_table(found.controls, title="do explainers beat the controls? (characterisation score)", console=console)
+    print_table(found.agreement, title="agreement of runs, of explainers, and with ablation", console=console)
+    print_table(found.frequency, title="importance per object and class frequency (Spearman)", console=console)
     print_table(
-        [row for row in found.rows if "ablation" in row or "kendall_w" in row],
-        title="agreement",
+        mean_rows(found.sanity), title="sanity: rank correlation with the model as it is, the zero baseline",
         console=console,
-    )
+    )  # fmt: skip
     deciding = [row for row in found.hypotheses if row["decides"]]
     print_table(
         [{k: v for k, v in row.items() if k not in ("null", "decides")} for row in deciding],
@@ -93,11 +101,15 @@ def introspect(
     for number, said in overall(found.hypotheses).items():
         console.print(f"hypothesis {number}: {said}")
     if json_file is not None:
-        rows = [*table, *found.rows, *found.hypotheses]
-        write_whole(json_file, document("introspect", seed, [str(graph)], rows))
-    if output is not None:
+        write_whole(json_file, document("introspect", seed, [str(graph)], [*table, *found.rows]))
+    if output is not None or keep_file is not None:
         from semloc_core.report.introspection_report import introspection_page
+        from semloc_core.report.kept import keep
 
-        text = introspection_page(found, arrays.name)
-        write_whole(output, text.encode())
-        console.print(f"{output}: {len(text.encode()) / 1e3:.0f} kB")
+        page = introspection_page(found, arrays.name)
+        if keep_file is not None:
+            keep(page, keep_file)
+        if output is not None:
+            text = page.html()
+            write_whole(output, text.encode())
+            console.print(f"{output}: {len(text.encode()) / 1e3:.0f} kB")

@@ -25,25 +25,50 @@ NodeOption = Annotated[
     str, typer.Option("--node", metavar="NAME", help="Name of the node; its answers are on NAME/matches.")
 ]
 
+StudyOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--study", metavar="FILE", help="Put a study on the same page: what `semloc introspect --keep` wrote."
+    ),
+]
+
 
 @app.command("replay")
 def replay(
     results: Results,
     map_file: MapOption,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="HTML", help="Where to write the page.")],
+    study: StudyOption = None,
     run: RunOption = None,
     node: NodeOption = "/localiser",
 ) -> None:
     """One HTML page of a replay: floor plan with path and matches, statuses, confidence, class shares, confusions."""
     from semloc_core.map_database import load
+    from semloc_core.report.kept import kept
+    from semloc_core.report.page import joined
     from semloc_core.report.replay_data import read_results
     from semloc_core.report.replay_report import replay_page
 
+    beside = kept(study) if study is not None else None
     loaded = load(map_file)
     data = read_results(results, loaded, run=run, node=node)
-    text = replay_page(data, loaded, results.name)
+    page = replay_page(data, loaded, results.name)
+    text = (joined(page, beside) if beside is not None else page).html()
     write_whole(output, text.encode())
     console.print(f"{output}: {data.answers} answers, {len(text.encode()) / 1e3:.0f} kB")
+
+
+@app.command("study")
+def study(
+    kept_file: Annotated[Path, typer.Argument(metavar="FILE", help="What `semloc introspect --keep` wrote.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="HTML", help="Where to write the page.")],
+) -> None:
+    """One HTML page of a study of explanations."""
+    from semloc_core.report.kept import kept
+
+    text = kept(kept_file).html()
+    write_whole(output, text.encode())
+    console.print(f"{output}: {len(text.encode()) / 1e3:.0f} kB")
 
 
 @app.command("picture")

@@ -12,7 +12,7 @@ has to believe in it, of all others too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.evaluate import metrics
+from semloc_core.evaluate.bootstrap import Statistic, bootstrap, squares
+from semloc_core.evaluate.class_lift import lift, of_class
 from semloc_core.evaluate.introspect_ablation import without_class
 from semloc_core.evaluate.introspect_run import ABLATION, Run
 from semloc_core.evaluate.mobility_study import MobilityRun
@@ -32,11 +34,6 @@ from semloc_core.training.split import positive_pairs
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 DRAWS = 400
-BLOCK_M = MATCH_RADIUS_M
-"""Neighbouring places see the same objects: whole squares of this side are drawn, metres."""
-
-Statistic = Callable[[int, Floats], float]
-"""(run, weight of each place (Q,)) -> the figure in that run."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +97,7 @@ def hypothesis_rows(
     )
     for claim, names in ((MODERATE, frequent), (SALIENT, rare)):
         for method in methods:
-            test(claim, method, names, lambda r, w, m=method, c=names: _lift(runs[r], m, c, w), blocks)  # type: ignore[misc]
+            test(claim, method, names, lambda r, w, m=method, c=names: lift(runs[r], m, c, w), blocks)  # type: ignore[misc]
     losses = [_Losses(run, (*frequent, *rare)) for run in runs]
     judged = [squares(run.query.place_positions[run.judged]) for run in runs]
     test(
@@ -162,46 +159,8 @@ def most_faithful(runs: Sequence[Run], methods: Sequence[str]) -> str:
     return max(methods, key=score)
 
 
-def bootstrap(
-    of: Statistic, squares_of: Sequence[Ints], draws: int, rng: np.random.Generator
-) -> tuple[float, float, float]:
-    """Mean of a figure over runs, and its 95 % interval.
-
-    Args:
-        of: the figure in one run.
-        squares_of: of each run (Q,) the square of each place, 0 … B-1.
-        draws: how many.
-        rng: draws runs with replacement, and in each run squares with replacement.
-
-    """
-    figure = float(np.mean([of(r, np.ones(len(s))) for r, s in enumerate(squares_of)]))
-    found = []
-    for _ in range(draws):
-        values = []
-        for r in rng.integers(0, len(squares_of), len(squares_of)).tolist():
-            number = int(squares_of[r].max(initial=-1)) + 1
-            weight = np.bincount(rng.integers(0, number, number), minlength=number).astype(np.float64)[squares_of[r]]
-            values.append(of(r, weight))
-        found.append(np.mean(values))
-    known = np.array(found)[~np.isnan(found)]
-    if len(known) == 0:
-        return figure, float("nan"), float("nan")
-    return figure, float(np.percentile(known, 2.5)), float(np.percentile(known, 97.5))
-
-
-def squares(positions: Floats) -> Ints:
-    """(Q,) number of the square, of side `BLOCK_M`, that each place lies in."""
-    _, number = np.unique(np.floor(positions / BLOCK_M).astype(np.int64), axis=0, return_inverse=True)
-    return number.reshape(-1).astype(np.int64)
-
-
 def _counts(run: Run) -> dict[str, int]:
-    return {name: int(_of_class(run, [name]).sum()) for name in run.frequency}
-
-
-def _of_class(run: Run, names: Sequence[str]) -> NDArray[np.bool_]:
-    space = run.model.labelspace
-    return np.isin(run.query.object_classes, [space.index(name) for name in names])
+    return {name: int(of_class(run, [name]).sum()) for name in run.frequency}
 
 
 def _coverage(run: Run, names: Sequence[str], weight: Floats) -> float:
@@ -209,15 +168,7 @@ def _coverage(run: Run, names: Sequence[str], weight: Floats) -> float:
     if weight.sum() == 0:
         return float("nan")
     seen = run.introspection.seen
-    return float(np.mean([np.average(seen[:, _of_class(run, [name])].any(1), weights=weight) for name in names]))
-
-
-def _lift(run: Run, method: str, names: Sequence[str], weight: Floats) -> float:
-    """Share of the importance over what it would be if all objects in reach had the same, over all places."""
-    mine = _of_class(run, names)
-    seen, shares = run.introspection.seen, run.introspection.shares[method]
-    equal = float(weight @ (seen[:, mine].sum(1) / seen.sum(1)))
-    return float(weight @ shares[:, mine].sum(1, dtype=np.float64)) / equal if equal > 0 else float("nan")
+    return float(np.mean([np.average(seen[:, of_class(run, [name])].any(1), weights=weight) for name in names]))
 
 
 class _Losses:

@@ -8,15 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import msgspec
 import numpy as np
 
 from semloc_core.evaluate.hypotheses import hypothesis_rows
-from semloc_core.evaluate.introspect_agreement_rows import agreement_rows
+from semloc_core.evaluate.introspect_agreement_rows import agreement_rows, explainer_rows, frequency_rows
+from semloc_core.evaluate.introspect_controls import control_rows
 from semloc_core.evaluate.introspect_rows import table_rows
 from semloc_core.evaluate.introspect_run import SHIFT_PLACES, Run, introspect_run
-from semloc_core.evaluate.mobility_study import MOVED_M, PLACES, mobility_study
+from semloc_core.evaluate.introspect_sanity import PLACES as SANITY_PLACES
+from semloc_core.evaluate.introspect_sanity import sanity_rows
+from semloc_core.evaluate.mobility_study import MOVED_M, PLACES, MobilityRun, mobility_study
 from semloc_core.evaluate.office import SEEDS, office_variants
 from semloc_core.evaluate.rows import Progress, Row, no_progress
 from semloc_core.explain.explainers import EXPLAINERS
@@ -27,12 +31,53 @@ from semloc_core.training.config import PerturbConfig, TrainConfig
 
 @dataclass(frozen=True, eq=False)
 class Introspection:
-    """All runs, and the rows that are printed and written."""
+    """All runs, and the rows that are printed and written.
+
+    Args:
+        runs: a run a seed.
+        methods: explainers.
+        mobility: of the third hypothesis; empty where it was not tested.
+        sanity: `semloc_core.evaluate.introspect_sanity.sanity_rows` of all runs.
+
+    """
 
     runs: Sequence[Run]
     methods: Sequence[str]
-    rows: list[Row] = field(default_factory=list)
-    hypotheses: list[Row] = field(default_factory=list)
+    mobility: Sequence[MobilityRun] = ()
+    sanity: list[Row] = field(default_factory=list)
+
+    @cached_property
+    def table(self) -> list[Row]:
+        """Table IV and what is behind it; the fidelity curves."""
+        return table_rows(self.runs, self.methods)
+
+    @cached_property
+    def controls(self) -> list[Row]:
+        """Each explainer against each control."""
+        return control_rows(self.runs, self.methods)
+
+    @cached_property
+    def agreement(self) -> list[Row]:
+        """Of runs, of explainers, and with ablation."""
+        return agreement_rows(self.runs, self.methods)
+
+    @cached_property
+    def frequency(self) -> list[Row]:
+        """Importance and class frequency."""
+        return frequency_rows(self.runs, self.methods)
+
+    @cached_property
+    def hypotheses(self) -> list[Row]:
+        """The paper's three expectations; none without an explainer."""
+        return hypothesis_rows(self.runs, self.methods, self.mobility) if self.methods else []
+
+    @property
+    def rows(self) -> list[Row]:
+        """All of them, as they are written."""
+        between = explainer_rows(self.runs, self.methods)
+        return [
+            *self.table, *self.controls, *self.agreement, *between, *self.frequency, *self.sanity, *self.hypotheses,
+        ]  # fmt: skip
 
 
 def introspect(
@@ -46,6 +91,7 @@ def introspect(
     n_places: int | None = None,
     shift_places: int = SHIFT_PLACES,
     moved_m: float | None = MOVED_M,
+    sanity_places: int = SANITY_PLACES,
     progress: Progress = no_progress,
 ) -> Introspection:
     """Train once for each seed, and put each model through the study.
@@ -61,13 +107,15 @@ def introspect(
         shift_places: how many places the shift is measured on.
         moved_m: how far objects move between the traversals of the third hypothesis; None: it is not tested, which
             saves two trainings a run.
+        sanity_places: how many places of each run the sanity checks explain.
         progress: told of every step.
 
     """
     from semloc_core.training.loop import Report, train
 
     config = config or TrainConfig()
-    runs = []
+    runs: list[Run] = []
+    sanity: list[Row] = []
     for number, seed in enumerate(seeds, start=1):
 
         def report(step: Report, number: int = number) -> None:
@@ -88,18 +136,17 @@ def introspect(
                 words=f"run {number}",
             )
         )
-    moving = []
+        sanity += sanity_rows(
+            result.model, *variants, runs[-1].introspection.places, run=number, methods=methods,
+            n_places=sanity_places, seed=seed, progress=progress,
+        )  # fmt: skip
+    moving: list[MobilityRun] = []
     if moved_m is not None:
         moving = mobility_study(
             arrays, labelspace, seeds=seeds, config=config, methods=methods, moved_m=moved_m,
             n_places=min(PLACES, n_places or PLACES), progress=progress,
         )  # fmt: skip
-    return Introspection(
-        runs,
-        methods,
-        table_rows(runs, methods) + agreement_rows(runs, methods),
-        hypothesis_rows(runs, methods, moving) if methods else [],
-    )
+    return Introspection(runs, methods, moving, sanity)
 
 
 def _drawn(places: int, wanted: int | None, seed: int) -> list[int] | None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from semloc_core.evaluate.rows import Progress, no_progress
 from semloc_core.explain.ego_cut import PlaceBatches
 from semloc_core.explain.explainers import CONTROLS, EXPLAINERS, explain
-from semloc_core.explain.fidelity import BUDGETS, FidelityCurve, fidelity_curves
+from semloc_core.explain.fidelity import BUDGET, BUDGETS, FidelityCurve, fidelity_curves
 from semloc_core.explain.random_baseline import inverted
 from semloc_core.explain.scores import ObjectScores
 from semloc_core.explain.similarity import SimilarityQuery
@@ -36,6 +36,8 @@ class MapIntrospection:
         shares: explainer -> (Q, O) float32: an object's share of the importance, as magnitudes that sum to 1 at each
             place; zero where an object is out of reach.
         fidelity: explainer or control -> mean curves; empty where no fidelity was asked for.
+        characterisation: explainer or control -> (Q,) characterisation score of each place at the budget nearest to
+            `BUDGET`, so that one can be compared with another place by place.
 
     """
 
@@ -43,6 +45,7 @@ class MapIntrospection:
     seen: NDArray[np.bool_]
     shares: Mapping[str, NDArray[np.float32]]
     fidelity: Mapping[str, FidelityCurve]
+    characterisation: Mapping[str, Floats]
 
     @cached_property
     def importance(self) -> Mapping[str, Floats]:
@@ -115,11 +118,15 @@ def introspect_map(
             for name, curve in zip(said, found, strict=True):
                 curves.setdefault(name, []).append(curve)
     progress(len(wanted), len(wanted), words)
+    fixed = int(np.argmin(np.abs(np.asarray(budgets) - BUDGET)))
     return MapIntrospection(
         places=np.array(explained, dtype=np.int64),
         seen=seen[: len(explained)],
         shares={method: values[: len(explained)] for method, values in laid_out.items()},
         fidelity={name: mean_curve(name, of_places) for name, of_places in curves.items()},
+        characterisation={
+            name: np.array([curve.characterisation[fixed] for curve in of_places]) for name, of_places in curves.items()
+        },
     )
 
 

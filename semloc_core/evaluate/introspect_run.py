@@ -19,12 +19,14 @@ from semloc_core.evaluate.introspect_map import MapIntrospection, introspect_map
 from semloc_core.evaluate.rows import Progress, no_progress
 from semloc_core.explain.explainers import EXPLAINERS
 from semloc_core.graph_arrays import GraphArrays
-from semloc_core.model import Model
+from semloc_core.model import Model, embed_graph
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 ABLATION = "ablation"
 SHIFT_PLACES = 150
+SAME = 1e-5
+"""Embeddings that differ by less are the same but for rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,20 +113,14 @@ def introspect_run(
     drawn = np.random.default_rng([seed, 1]).choice(whole.places, count, replace=False)
     sample = np.sort(drawn).tolist()
 
-    def importance_without(name: str | None) -> Mapping[str, Floats]:
-        a, b = (
-            (query, reference)
-            if name is None
-            else (without_class(query, space, name), without_class(reference, space, name))
-        )
-        found = introspect_map(
-            model, a, b, methods=methods, places=sample, with_fidelity=False, seed=seed,
-            progress=progress, words=f"{words}, without {name}" if name else words,
-        )  # fmt: skip
-        return {method: spread(values, a.object_ids, query.object_ids) for method, values in found.importance.items()}
-
-    before = importance_without(None)
-    after = {name: importance_without(name) for name in frequency}
+    before = introspect_map(
+        model, query, reference, methods=methods, places=sample, with_fidelity=False, seed=seed, progress=progress,
+        words=f"{words}, shift",
+    )  # fmt: skip
+    after = {
+        name: importance_without(model, query, reference, name, before, methods, seed, progress, words)
+        for name in frequency
+    }
     judged = np.ones(query.n_places, dtype=np.bool_) if judged is None else judged
     return Run(
         seed=seed,
@@ -137,11 +133,50 @@ def introspect_run(
         introspection=whole,
         importance=importance,
         shift={
-            method: {name: importance_shift(before[method], after[name][method]) for name in frequency}
+            method: {name: importance_shift(before.importance[method], after[name][method]) for name in frequency}
             for method in methods
         },
         shift_of_rest={
-            method: {name: importance_shift(before[method], after[name][method], classes != name) for name in frequency}
+            method: {
+                name: importance_shift(before.importance[method], after[name][method], classes != name)
+                for name in frequency
+            }
             for method in methods
         },
     )
+
+
+def importance_without(
+    model: Model,
+    query: GraphArrays,
+    reference: GraphArrays,
+    name: str,
+    before: MapIntrospection,
+    methods: Sequence[str],
+    seed: int,
+    progress: Progress,
+    words: str,
+) -> dict[str, Floats]:
+    """Explainer -> (O,) mean importance of the query's objects when all of a class are gone; zero for those.
+
+    Where a place has none of the class in reach, and neither has the map place it is compared to, nothing changed: such
+    places are taken from ``before``.
+    """
+    space = model.labelspace
+    a, b = without_class(query, space, name), without_class(reference, space, name)
+    member = query.object_classes == space.index(name)
+    apart = np.abs(embed_graph(model, reference) - embed_graph(model, b))[before.places].max(axis=1, initial=0.0)
+    same = ~before.seen[:, member].any(axis=1) & (apart < SAME)
+    found = introspect_map(
+        model, a, b, methods=methods, places=before.places[~same].tolist(), with_fidelity=False, seed=seed,
+        progress=progress, words=f"{words}, without {name}",
+    )  # fmt: skip
+    places = max(1, int(same.sum()) + len(found.places))
+    return {
+        method: (
+            of[same].sum(0, dtype=np.float64)
+            + spread(found.shares[method].sum(0, dtype=np.float64), a.object_ids, query.object_ids)
+        )
+        / places
+        for method, of in before.shares.items()
+    }

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from semloc_core.evaluate.introspect_agreement import spearman
-from semloc_core.evaluate.rows import Row
+from semloc_core.evaluate.rows import Progress, Row, no_progress
 from semloc_core.explain.ego_cut import PlaceBatches
 from semloc_core.explain.explainers import EXPLAINERS, explain
 from semloc_core.explain.integrated_gradients import BASELINES, integrated_gradients
@@ -20,6 +20,59 @@ from semloc_core.graph_arrays import GraphArrays
 from semloc_core.model import Model, embed_graph
 
 Floats = NDArray[np.float64]
+PLACES = 20
+"""Places of a run that are explained anew for every shuffled layer."""
+
+
+def sanity_rows(
+    model: Model,
+    query: GraphArrays,
+    reference: GraphArrays,
+    explained: NDArray[np.int64],
+    *,
+    run: int = 1,
+    methods: Sequence[str] = tuple(EXPLAINERS),
+    n_places: int = PLACES,
+    seed: int = 0,
+    progress: Progress = no_progress,
+) -> list[Row]:
+    """Both checks on some places of a run, drawn at random: `randomisation_rows`, then `baseline_rows`.
+
+    Args:
+        model: of the run.
+        query: its query graph.
+        reference: its map's graph.
+        explained: places to draw from.
+        run: written into every row.
+        methods: explainers; the second check is made where Integrated Gradients is one of them.
+        n_places: how many are drawn.
+        seed: of the draw and of the checks.
+        progress: told of every shuffled layer.
+
+    """
+    count = min(n_places, len(explained))
+    places = np.sort(np.random.default_rng([seed, 6]).choice(explained, count, replace=False)).tolist()
+    rows = randomisation_rows(
+        model, query, reference, places, methods=methods, seed=seed,
+        progress=lambda done, total, words: progress(done, total, f"run {run}, {words}"),
+    )  # fmt: skip
+    if "integrated_gradients" in methods:
+        rows += baseline_rows(model, query, reference, places)
+    return [{**row, "run": run} for row in rows]
+
+
+def mean_rows(rows: Sequence[Row]) -> list[Row]:
+    """`sanity_rows` of several runs, with their figures averaged over the runs."""
+    found: list[Row] = []
+    for key in dict.fromkeys((row["method"], row["scope"], row["way"]) for row in rows):
+        same = [row for row in rows if (row["method"], row["scope"], row["way"]) == key]
+        mean: Row = dict(zip(("method", "scope", "way"), key, strict=True))
+        for name in ("spearman", "gap"):
+            known = [float(row[name] or 0.0) for row in same if name in row and not np.isnan(float(row[name] or 0.0))]
+            if known:
+                mean[name] = float(np.mean(known))
+        found.append(mean)
+    return found
 
 
 def randomisation_rows(
@@ -30,6 +83,7 @@ def randomisation_rows(
     *,
     methods: Sequence[str] = tuple(EXPLAINERS),
     seed: int = 0,
+    progress: Progress = no_progress,
 ) -> list[Row]:
     """The model-randomisation check: how alike attributions are when weights are shuffled, layer by layer.
 
@@ -44,6 +98,7 @@ def randomisation_rows(
         places: the places to explain.
         methods: explainers.
         seed: of the permutations and of what samples.
+        progress: told of every shuffled layer.
 
     Returns:
         A row a method, layer and way: ``method``, ``scope`` (the layer), ``way``, ``spearman``: the mean over the
@@ -52,8 +107,10 @@ def randomisation_rows(
     """
     before = _scores(model, query, reference, places, methods, seed)
     rows: list[Row] = []
+    total = 2 * len(_layers(model.encoder))
     for cascading in (True, False):
         for layer, shuffled in _shuffled(model, cascading, np.random.default_rng([seed, 2])):
+            progress(len(rows) // max(1, len(methods)), total, f"{layer} shuffled")
             after = _scores(shuffled, query, reference, places, methods, seed)
             rows += [
                 {
@@ -73,8 +130,8 @@ def baseline_rows(
     """How much Integrated Gradients hangs on its baseline: rank correlation of scores from each with those from zero.
 
     Returns:
-        A row a baseline: ``method``, ``scope`` (the baseline), ``spearman`` and ``gap``, the mean magnitude of the
-        completeness gap over the places.
+        A row a baseline: ``method``, ``scope`` (the baseline), ``way`` (``baseline``), ``spearman`` and ``gap``,
+        the mean magnitude of the completeness gap over the places.
 
     """
     questions = list(_questions(model, query, reference, places))
@@ -86,6 +143,7 @@ def baseline_rows(
         {
             "method": "integrated_gradients",
             "scope": baseline,
+            "way": "baseline",
             "spearman": _mean_correlation([s.scores for s in found["zero"]], [s.scores for s in scores]),
             "gap": float(np.mean([abs(s.completeness_gap or 0.0) for s in scores])),
         }

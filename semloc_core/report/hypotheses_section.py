@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from semloc_core.evaluate.hypotheses import overall
 from semloc_core.evaluate.rows import Row
+from semloc_core.report.introspection_sections import readable
 from semloc_core.report.page import Section, Table
 
 NAMES = {
@@ -26,7 +27,12 @@ def hypotheses(rows: Sequence[Row]) -> Section:
         plain: list[Row] = [
             {**{k: row.get(k) for k in keep}, "decides": "yes" if row["decides"] else "no"} for row in of_claim
         ]
-        tables.append(Table(f"Hypothesis {of_claim[0]['hypothesis']}: {claim}", plain))
+        tables.append(
+            Table(
+                f"Hypothesis {of_claim[0]['hypothesis']}: {claim}",
+                readable(plain, scope="classes", null="if it were not so"),
+            )
+        )
     return Section(
         "hypotheses",
         "The paper's three expectations, tested",

@@ -73,7 +73,7 @@ def importance_figure(classes: Sequence[str], importance: Mapping[str, ArrayLike
                     own, values[rank[own]], s=17, marker=style.marker, color=style.colour, edgecolors=INK,
                     linewidths=0.3, zorder=3, gid=f"objects-{number}-{order.index(class_)}",
                 )  # fmt: skip
-            axes.set_title(name, loc="left")
+            axes.set_title(name.replace("_", " "), loc="left")
             axes.set_ylim(min(-0.05, float(values.min(initial=0.0)) - 0.05), 1.1)
         column[-1].set_xlabel("objects, by mean importance over all explainers")
         drawn.supylabel("importance (largest = 1)", fontsize=10.5)
@@ -125,10 +125,37 @@ def fidelity_figure(budgets: ArrayLike, curves: Mapping[str, FidelityCurves]) ->
                         rho, values, color=style.colour, ls=style.line, marker=style.marker, ms=5, lw=1.6, mec=INK,
                         mew=0.3, gid=gid,
                     )[0]  # fmt: skip
-                handles[shown(f"{name} (control)" if curve.control else name)] = line
+                handles[shown(name.replace("_", " ") + (" (control)" if curve.control else ""))] = line
             axes.set_title(f"{attribute}: {label}", loc="left")
         column[-1].set_xlabel("budget ρ: fraction of objects removed (Δ⁺) or kept (Δ⁻)")
         drawn.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=2)
+    return drawn
+
+
+def randomisation_figure(layers: Sequence[str], correlation: Mapping[str, Sequence[float]]) -> Figure:
+    """How much of an explanation is left when the model's layers are shuffled, one more at each step.
+
+    Args:
+        layers: from the output down.
+        correlation: explainer -> one figure a layer.
+
+    """
+    look = styles(list(correlation))
+    with figure(3.4) as drawn:
+        axes = drawn.add_subplot()
+        bare(axes)
+        axes.axhline(0.0, color=INK, alpha=0.4, linewidth=0.8)
+        for number, (name, values) in enumerate(correlation.items()):
+            style = look[name]
+            axes.plot(
+                range(len(layers) + 1), [1.0, *values], color=style.colour, ls=style.line, marker=style.marker, ms=5,
+                lw=1.6, mec=INK, mew=0.3, gid=f"shuffled-{number}", label=shown(name.replace("_", " ")),
+            )  # fmt: skip
+        axes.set_xticks(range(len(layers) + 1), ["none", *(f"+ {layer}" for layer in layers)])
+        axes.set_xlabel("layers shuffled")
+        axes.set_ylabel("rank correlation")
+        axes.set_ylim(min(-0.25, axes.get_ylim()[0]), 1.05)
+        drawn.legend(loc="outside lower center", ncols=2)
     return drawn
 
 

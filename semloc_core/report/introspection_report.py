@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 from semloc_core import __version__
 from semloc_core.config import MATCH_RADIUS_M
+from semloc_core.evaluate.hypotheses import most_faithful, overall
 from semloc_core.evaluate.introspect import Introspection
 from semloc_core.evaluate.introspect_run import ABLATION
 from semloc_core.evaluate.introspect_views import matrices, typical_query
 from semloc_core.report import introspection_sections as sections
-from semloc_core.report.hypotheses_section import hypotheses
-from semloc_core.report.page import Fact, page
+from semloc_core.report import trust_sections as trust
+from semloc_core.report.hypotheses_section import NAMES, hypotheses
+from semloc_core.report.page import Fact, Page, Section
 
 INTRODUCTION = (
     "A localiser tells a robot where it is by comparing the objects around it (a couch, a plant, …) with those around "
@@ -38,15 +42,34 @@ TERMS = (
     ),
     ("Characterisation score", "Harmonic mean of Δ⁺ and 1 - Δ⁻, on similarity scaled to 0…1; high is good."),
     (
+        "Ablation",
+        "All objects of a class are taken out of map and query, and PR-AUC is taken again; nothing is trained.",
+    ),
+    ("Saliency", "An explainer: how steeply the similarity changes with what an object is."),
+    (
+        "Integrated gradients",
+        "An explainer: that slope, added up on the way from objects of no class to the real ones.",
+    ),
+    (
+        "Shapley sampling, class shapley",
+        "Explainers: what an object, or a whole class, adds when it joins, on average over who is there already; "
+        "sampled, and exact.",
+    ),
+    ("Attention", "An explainer: the weights by which the network itself sums up what is around."),
+    (
         "Kendall's W",
-        "Agreement of several rankings: 1 where all are the same, about 0 where they have nothing in common.",
+        "Agreement of several rankings: 1 where all are the same; m rankings at random have 1/m on average.",
+    ),
+    (
+        "Bootstrap interval",
+        "Where the figure would lie in 95 of 100 like studies: places drawn anew, in squares of 4 m.",
     ),
     ("Spearman's ρ", "Rank correlation of two lists, -1 to 1; in brackets its 95 % interval."),
 )
 
 
-def introspection_page(found: Introspection, name: str) -> str:
-    """The page as HTML text: the same bytes for the same study.
+def introspection_page(found: Introspection, name: str) -> Page:
+    """The page: the same bytes for the same study.
 
     Args:
         found: the study.
@@ -56,21 +79,22 @@ def introspection_page(found: Introspection, name: str) -> str:
     runs, methods = found.runs, list(found.methods)
     first = runs[0]
     of_places = matrices(first)
-    listed = [
+    listed: list[Section | None] = [
         sections.rankings(runs, methods),
         sections.importance(first, methods),
         *([sections.shift(runs, "attention" if "attention" in methods else methods[0])] if methods else []),
-        sections.fidelity(runs),
-        sections.agreement(runs, methods),
-        sections.frequency(runs, methods),
+        trust.fidelity(found),
+        trust.sanity(found),
+        trust.agreement(found),
+        trust.frequency(found),
         *([hypotheses(found.hypotheses)] if found.hypotheses else []),
         sections.plan(first, typical_query(first)),
         sections.place_query_matrices(of_places),
     ]
     model = first.model
-    return page(
+    return Page(
         title=f"Why the localiser says so: {name}",
-        introduction=INTRODUCTION,
+        introduction=(*INTRODUCTION, _outcome(found)),
         facts=[
             Fact(f"{len(runs)}", "trainings"),
             Fact(f"{first.query.n_places:,}", "places"),
@@ -79,7 +103,7 @@ def introspection_page(found: Introspection, name: str) -> str:
             Fact(f"{of_places.pr_auc[model.encoder.name]:.2f}", "PR-AUC on held-out places, first run"),
             Fact(first.ranking(ABLATION)[0], "costs most when removed, first run"),
         ],
-        sections=listed,
+        sections=[section for section in listed if section is not None],
         terms=TERMS,
         provenance=(
             ("Graph", f"{name}: {first.query.n_places} places, {first.query.n_objects} objects"),
@@ -90,3 +114,21 @@ def introspection_page(found: Introspection, name: str) -> str:
             ("Software", f"semloc {__version__}"),
         ),
     )
+
+
+def _outcome(found: Introspection) -> str:
+    """What came out, in a paragraph."""
+    said = []
+    if found.methods:
+        best = most_faithful(found.runs, found.methods)
+        rows = [row for row in found.controls if row["method"] == best and row["scope"] == "against random"]
+        beats = f", {rows[0]['verdict']} than a random one" if rows else ""
+        said.append(f"Of the explainers {sections.plain(best)} is the most faithful{beats}.")
+    firsts = Counter(run.ranking(ABLATION)[0] for run in found.runs)
+    name, times = min(firsts.items(), key=lambda item: (-item[1], item[0]))
+    said.append(f"Taking away {name} costs most for its number in {times} of {len(found.runs)} trainings.")
+    verdicts = overall(found.hypotheses)
+    if verdicts:
+        told = "; ".join(f"{NAMES[number]}: {verdict}" for number, verdict in verdicts.items())
+        said.append(f"Of what the paper expects, {told}.")
+    return "What came out: " + " ".join(said)

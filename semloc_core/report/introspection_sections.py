@@ -8,23 +8,45 @@ from collections.abc import Sequence
 import numpy as np
 
 from semloc_core.evaluate.introspect_agreement import spearman
-from semloc_core.evaluate.introspect_agreement_rows import agreement_rows, explainer_rows, explainers_w
 from semloc_core.evaluate.introspect_rows import ranking_rows
 from semloc_core.evaluate.introspect_run import ABLATION, Run
 from semloc_core.evaluate.introspect_views import Matrices, plan_parts, similarity_to_map
 from semloc_core.evaluate.rows import Row
-from semloc_core.explain.explainers import CONTROLS
-from semloc_core.explain.fidelity import BUDGET
+from semloc_core.evaluate.table import HIGH, LOW, STD
 from semloc_core.report.drawing import to_svg
 from semloc_core.report.floor_plan import Plan, similarity_figure
 from semloc_core.report.introspection_figures import (
-    FidelityCurves,
-    fidelity_figure,
     importance_figure,
     matrices_figure,
     shift_figure,
 )
 from semloc_core.report.page import Section, Table
+
+
+def plain(method: str) -> str:
+    """A method's name as a reader takes it."""
+    return method.replace("_", " ")
+
+
+def readable(rows: Sequence[Row], **names: str) -> list[Row]:
+    """Rows with names for readers: underscores as spaces, in methods too; columns as ``names`` says.
+
+    Deviations and bounds (`semloc_core.evaluate.table`) keep their endings, so that they stay in their figure's cell. A
+    scope that is the same in all rows is left out.
+    """
+    dull = len({row.get("scope") for row in rows}) == 1
+    found: list[Row] = []
+    for row in rows:
+        told: Row = {}
+        for key, value in row.items():
+            if key == "scope" and dull:
+                continue
+            ending = next((end for end in (STD, LOW, HIGH) if key.endswith(end)), "")
+            name = key.removesuffix(ending)
+            text = isinstance(value, str) and key in ("method", "other")
+            told[names.get(name, plain(name)) + ending] = plain(str(value)) if text else value
+        found.append(told)
+    return found
 
 
 def rankings(runs: Sequence[Run], methods: Sequence[str]) -> Section:
@@ -42,7 +64,7 @@ def rankings(runs: Sequence[Run], methods: Sequence[str]) -> Section:
         tables=[
             Table(
                 "classes by falling importance",
-                ranking_rows(runs, methods),
+                readable(ranking_rows(runs, methods), scope="run"),
                 "ablation: loss of PR-AUC without the class, divided by its frequency. Explainers: shift of importance "
                 "(Jensen–Shannon divergence) when the class is removed, divided by its frequency.",
             )
@@ -63,8 +85,8 @@ def importance(run: Run, methods: Sequence[str]) -> Section:
     fewest = min(half, key=lambda m: half[m])
     rows: list[Row] = [
         {
-            "method": method,
-            "scope": name,
+            "method": plain(method),
+            "class": name,
             "objects": classes.count(name),
             "share of all importance": run.importance[method][name],
             "share of objects": run.frequency[name],
@@ -77,7 +99,7 @@ def importance(run: Run, methods: Sequence[str]) -> Section:
         "How much each object matters",
         f"One mark an object, in the same order in every panel: a few tall marks on the left and a long low tail "
         f"mean that "
-        f"few objects carry localisation. By {fewest}, {half[fewest]} of {len(known)} objects carry half of all "
+        f"few objects carry localisation. By {plain(fewest)}, {half[fewest]} of {len(known)} objects carry half of all "
         f"importance.",
         to_svg(
             importance_figure(classes, values, order), "importance", "importance of every object, a panel an explainer"
@@ -92,11 +114,12 @@ def shift(runs: Sequence[Run], method: str) -> Section:
     names = by_count(runs[0])
     x = np.array([[run.scores(method)[name] for run in runs] for name in names])
     y = np.array([[run.scores(ABLATION)[name] for run in runs] for name in names])
-    rho, low, high = spearman(x.ravel(), y.ravel())
-    words = f"Spearman ρ = {rho:.2f} [{low:.2f}, {high:.2f}]"
+    rho, low, high = spearman(x.mean(1), y.mean(1))
+    words = f"Spearman ρ = {rho:.2f} [{low:.2f}, {high:.2f}], {len(names)} classes, means over {len(runs)} runs"
+    each = [spearman(x[:, r], y[:, r])[0] for r in range(len(runs))]
     rows: list[Row] = [
         {
-            "scope": name,
+            "class": name,
             "run": number + 1,
             "shift / frequency": float(x[i, number]),
             "PR-AUC loss / frequency": float(y[i, number]),
@@ -105,77 +128,29 @@ def shift(runs: Sequence[Run], method: str) -> Section:
         for number in range(len(runs))
     ]
     verdict = (
-        "an interval above zero would make it a signal to trust; this one is"
+        "The interval is above zero: it does"
         if low > 0
-        else "an interval that holds zero, as this one does, is no evidence of it:"
+        else "The interval is below zero: it says the opposite"
+        if high < 0
+        else "The interval holds zero, so this building is no evidence that it does"
     )
-    tail = f" {verdict} {words}." if low <= 0 else f" {verdict}: {words}."
     return Section(
         "shift",
-        f"Does {method} know what localisation needs?",
-        f"To the right: classes whose removal changes {method} most; upwards: classes whose removal costs most "
-        f"precision. "
-        f"If {method} said what the model needs, the marks would rise from left to right;{tail}",
-        to_svg(shift_figure(names, x, y, words), "shift", f"change in PR-AUC against shift of {method}"),
-        [Table(f"a row a class and run; {words}", rows, "The interval takes classes and runs as independent cases.")],
-    )
-
-
-def fidelity(runs: Sequence[Run]) -> Section:
-    """The three fidelity curves, means over the runs, with the controls."""
-    budgets = next(iter(runs[0].introspection.fidelity.values())).budgets
-    at = int(np.argmin(np.abs(budgets - BUDGET)))
-    names = list(runs[0].introspection.fidelity)
-    controls = {*CONTROLS, "inverted"}
-    values = {
-        name: {
-            part: np.array([getattr(run.introspection.fidelity[name], part) for run in runs])
-            for part in ("necessity", "sufficiency", "characterisation")
-        }
-        for name in names
-    }
-    score = {name: float(values[name]["characterisation"][:, at].mean()) for name in names}
-    real = [name for name in names if name not in controls]
-    best = max(real, key=lambda name: score[name])
-    beaten = [name for name in real if score[name] <= score["random"]]
-    said = (
-        f"every explainer beats the random one ({score['random']:.3f})"
-        if not beaten
-        else f"no better than the random one ({score['random']:.3f}): {', '.join(beaten)}"
-    )
-    rows: list[Row] = [
-        {
-            "method": name,
-            "scope": "all",
-            "budget": float(budget),
-            **{
-                key: value
-                for part, of in values[name].items()
-                for key, value in ((part, float(of[:, b].mean())), (f"{part}_std", float(of[:, b].std())))
-            },
-        }
-        for name in names
-        for b, budget in enumerate(budgets)
-    ]
-    return Section(
-        "fidelity",
-        "Can the explanations be trusted?",
-        "Take away the objects that an explainer puts first and the similarity should fall (necessity); keep "
-        "only them and "
-        f"it should stay (sufficiency); the score sums up both. At a budget of {BUDGET:g}, {best} is best with "
-        f"{score[best]:.3f}; {said}. Faint lines are controls: random, and the first explainer upside down.",
+        f"Does {plain(method)} know what localisation needs?",
+        f"To the right: classes whose removal changes {plain(method)} most; upwards: classes whose removal costs most "
+        f"precision, both for their number. If {plain(method)} said what the model needs, the marks would rise from "
+        f"left to right. {verdict}. {words}.",
         to_svg(
-            fidelity_figure(
-                budgets,
-                {
-                    name: FidelityCurves(**{p: v.mean(0) for p, v in values[name].items()}, control=name in controls)
-                    for name in names
-                },
-            ),
-            "fidelity",
-            "necessity, sufficiency and characterisation score over the budget",
+            shift_figure(names, x, y, words), "shift", f"change in PR-AUC against shift of {plain(method)}; {words}"
         ),
-        [Table("means over the runs, ± their deviation", rows)],
+        [
+            Table(
+                "a row a class and run",
+                rows,
+                "ρ in each run: " + ", ".join(f"{value:.2f}" for value in each) + ". The interval takes classes as "
+                "the independent cases: runs are trainings on one building.",
+            )
+        ],
     )
 
 
@@ -251,58 +226,6 @@ def place_query_matrices(found: Matrices) -> Section:
         ),
         [Table(f"{len(found.places)} held-out places", rows)],
         wide=True,
-    )
-
-
-def agreement(runs: Sequence[Run], methods: Sequence[str]) -> Section:
-    """Kendall's W of the runs, rank correlations between methods."""
-    keep = ("method", "scope", "kendall_w", "ablation", "ablation_low", "ablation_high")
-    rows = [{k: v for k, v in row.items() if k in keep} for row in agreement_rows(runs, methods)]
-    steady = [row for row in rows if isinstance(row.get("kendall_w"), float)]
-    words = "One run, so nothing is said of agreement between runs. "
-    if steady:
-        top = max(steady, key=lambda row: float(row["kendall_w"] or 0.0))
-        least = min(steady, key=lambda row: float(row["kendall_w"] or 0.0))
-        words = (
-            f"Over the runs {top['method']} agrees with itself most (W = {float(top['kendall_w'] or 0.0):.2f}) and "
-            f"{least['method']} least ({float(least['kendall_w'] or 0.0):.2f}); 1 is perfect, 0 is chance. "
-        )
-    w = explainers_w(runs, methods)
-    return Section(
-        "agreement",
-        "Do runs and explainers agree?",
-        f"{words}In one run the explainers agree with each other with W = {w:.2f}.",
-        tables=[
-            Table("Kendall's W over the runs; Spearman's ρ with ablation over classes and runs", rows),
-            Table("Spearman's ρ between the methods' class scores, mean over runs", explainer_rows(runs, methods)),
-        ],
-        wide=True,
-        open=True,
-    )
-
-
-def frequency(runs: Sequence[Run], methods: Sequence[str]) -> Section:
-    """Importance and class frequency: the TF–IDF reading."""
-    keep = ("method", "scope", "frequency", "frequency_low", "frequency_high")
-    rows = [{k: v for k, v in row.items() if k in keep} for row in agreement_rows(runs, methods)]
-    inverse = [str(row["method"]) for row in rows if float(row.get("frequency_high") or np.nan) < 0]
-    said = (
-        f"that holds, with an interval below zero, for {', '.join(inverse)}" if inverse else "that holds for none here"
-    )
-    return Section(
-        "frequency",
-        "Are rare classes worth more? (the TF–IDF reading)",
-        "The paper reads its rankings like TF–IDF: the more frequent a class, the less one instance of it "
-        "matters. The rank "
-        f"correlation of importance per object with frequency would then be negative; {said}.",
-        tables=[
-            Table(
-                "Spearman's ρ of importance per object with class frequency, over classes and runs",
-                rows,
-                "ablation: loss of PR-AUC per object.",
-            )
-        ],
-        open=True,
     )
 
 

@@ -52,15 +52,9 @@ class Fact:
     label: str
 
 
-def page(
-    title: str,
-    introduction: Sequence[str],
-    facts: Sequence[Fact],
-    sections: Sequence[Section],
-    terms: Sequence[tuple[str, str]],
-    provenance: Sequence[tuple[str, str]],
-) -> str:
-    """The whole page.
+@dataclass(frozen=True)
+class Page:
+    """What a page says, before it is HTML.
 
     Args:
         title: of the page.
@@ -71,41 +65,66 @@ def page(
         provenance: what it was made from: names and hashes.
 
     """
-    assert len({s.key for s in sections}) == len(sections), "keys of sections must differ"
-    style = files("semloc_core.report").joinpath("page.css").read_text(encoding="utf-8")
-    contents = "".join(f'<li><a href="#{s.key}">{escape(s.heading)}</a></li>' for s in sections)
-    return "\n".join(
-        [
-            "<!doctype html>",
-            '<html lang="en">',
-            "<head>",
-            '<meta charset="utf-8">',
-            # The page asks for nothing: the browser is told to refuse if it did.
-            '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; '
-            "style-src 'unsafe-inline'; img-src data:\">",
-            '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            '<meta name="color-scheme" content="light dark">',
-            f"<title>{escape(title)}</title>",
-            f"<style>\n{style}</style>",
-            "</head>",
-            "<body>",
-            "<header>",
-            f"<h1>{escape(title)}</h1>",
-            *(f"<p>{escape(paragraph)}</p>" for paragraph in introduction),
-            f'<dl class="facts">{"".join(map(_fact, facts))}</dl>' if facts else "",
-            f'<nav aria-label="Figures"><ul>{contents}</ul></nav>',
-            "</header>",
-            "<main>",
-            *(_section(section) for section in sections),
-            "</main>",
-            "<footer>",
-            _definitions("Words used here", terms),
-            _definitions("What this page was made from", provenance),
-            "</footer>",
-            "</body>",
-            "</html>",
-            "",
-        ]
+
+    title: str
+    introduction: Sequence[str]
+    facts: Sequence[Fact]
+    sections: Sequence[Section]
+    terms: Sequence[tuple[str, str]]
+    provenance: Sequence[tuple[str, str]]
+
+    def __post_init__(self) -> None:
+        assert len({s.key for s in self.sections}) == len(self.sections), "keys of sections must differ"
+
+    def html(self) -> str:
+        """The whole page as text."""
+        style = files("semloc_core.report").joinpath("page.css").read_text(encoding="utf-8")
+        contents = "".join(f'<li><a href="#{s.key}">{escape(s.heading)}</a></li>' for s in self.sections)
+        return "\n".join(
+            [
+                "<!doctype html>",
+                '<html lang="en">',
+                "<head>",
+                '<meta charset="utf-8">',
+                # The page asks for nothing: the browser is told to refuse if it did.
+                '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; '
+                "style-src 'unsafe-inline'; img-src data:\">",
+                '<meta name="viewport" content="width=device-width, initial-scale=1">',
+                '<meta name="color-scheme" content="light dark">',
+                f"<title>{escape(self.title)}</title>",
+                f"<style>\n{style}</style>",
+                "</head>",
+                "<body>",
+                "<header>",
+                f"<h1>{escape(self.title)}</h1>",
+                *(f"<p>{escape(paragraph)}</p>" for paragraph in self.introduction),
+                f'<dl class="facts">{"".join(map(_fact, self.facts))}</dl>' if self.facts else "",
+                f'<nav aria-label="Figures"><ul>{contents}</ul></nav>',
+                "</header>",
+                "<main>",
+                *(_section(section) for section in self.sections),
+                "</main>",
+                "<footer>",
+                _definitions("Words used here", self.terms),
+                _definitions("What this page was made from", self.provenance),
+                "</footer>",
+                "</body>",
+                "</html>",
+                "",
+            ]
+        )
+
+
+def joined(first: Page, second: Page) -> Page:
+    """Two pages as one: the first's title, then all of the first, then all of the second; each word explained once."""
+    words = dict(second.terms) | dict(first.terms)
+    return Page(
+        title=first.title,
+        introduction=(*first.introduction, f"{second.title}, further down.", *second.introduction),
+        facts=first.facts,
+        sections=(*first.sections, *second.sections),
+        terms=tuple((word, words[word]) for word in dict.fromkeys(w for w, _ in (*first.terms, *second.terms))),
+        provenance=(*first.provenance, *((f"{second.title}: {what}", of) for what, of in second.provenance)),
     )
 
 
@@ -130,7 +149,8 @@ def _section(section: Section) -> str:
         parts.append(f'<figure class="scroll">{section.svg}</figure>')
     if section.tables:
         tables = "".join(map(_table, section.tables))
-        parts.append(f"<details{' open' if section.open else ''}><summary>The figures</summary>{tables}</details>")
+        opened = ' open class="all"' if section.open else ""
+        parts.append(f"<details{opened}><summary>The figures</summary>{tables}</details>")
     parts.append("</section>")
     return "\n".join(parts)
 

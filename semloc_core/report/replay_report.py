@@ -12,7 +12,7 @@ from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.map_database.loaded import LoadedMap
 from semloc_core.report import replay_sections as sections
 from semloc_core.report.floor_plan import Plan
-from semloc_core.report.page import Fact, Section, page
+from semloc_core.report.page import Fact, Page, Section
 from semloc_core.report.replay_data import ReplayData
 
 BUILDINGS = 6
@@ -61,8 +61,8 @@ def shown_plans(data: ReplayData, loaded: LoadedMap) -> list[Plan]:
     return [Plan.of(loaded.graph(name), name) for name in (touched or loaded.buildings)[:BUILDINGS]]
 
 
-def replay_page(data: ReplayData, loaded: LoadedMap, results_name: str) -> str:
-    """The page as HTML text: the same bytes for the same results and map.
+def replay_page(data: ReplayData, loaded: LoadedMap, results_name: str) -> Page:
+    """The page: the same bytes for the same results and map.
 
     Args:
         data: of the replay, see `semloc_core.report.replay_data.read_results`.
@@ -83,7 +83,7 @@ def replay_page(data: ReplayData, loaded: LoadedMap, results_name: str) -> str:
         sections.latency(data),
     ]
     model = loaded.model
-    return page(
+    return Page(
         title=f"Replay of {results_name} against the map {loaded.name}",
         introduction=INTRODUCTION,
         facts=_facts(data),

@@ -5,15 +5,14 @@ import pytest
 from sklearn.metrics import average_precision_score
 from small_building import SPACE, building_update, make_model
 
+from semloc_core.evaluate.bootstrap import bootstrap, squares
 from semloc_core.evaluate.hypotheses import (
     COVERAGE,
     MODERATE,
-    bootstrap,
     frequent_and_rare,
     hypothesis_rows,
     most_faithful,
     overall,
-    squares,
     verdict,
 )
 from semloc_core.evaluate.introspect_run import introspect_run

@@ -14,11 +14,18 @@ from semloc_core.evaluate.introspect_ablation import (
     spread,
     without_class,
 )
-from semloc_core.evaluate.introspect_agreement import kendall_w, spearman
-from semloc_core.evaluate.introspect_agreement_rows import agreement_rows, explainer_rows, explainers_w
+from semloc_core.evaluate.introspect_agreement import concordance, kendall_w, spearman
+from semloc_core.evaluate.introspect_agreement_rows import (
+    ALL_EXPLAINERS,
+    agreement_rows,
+    explainer_rows,
+    frequency_rows,
+    inverse_document_frequency,
+)
+from semloc_core.evaluate.introspect_controls import control_rows
 from semloc_core.evaluate.introspect_map import introspect_map, shares
 from semloc_core.evaluate.introspect_rows import ranking_rows, table_rows
-from semloc_core.evaluate.introspect_run import ABLATION, introspect_run
+from semloc_core.evaluate.introspect_run import ABLATION, importance_without, introspect_run
 from semloc_core.evaluate.office import office_variants
 from semloc_core.evaluate.table import document
 from semloc_core.explain.ego_cut import PlaceBatches
@@ -124,6 +131,25 @@ def test_spearman():
     assert -1 < low < rho < high < 1
     assert spearman([1, 2, 3], [3, 2, 1])[0] == pytest.approx(-1)
     assert np.isnan(spearman([1, 1, 1, 1], [1, 2, 3, 4])[0])
+    assert spearman([1, 2, 3, 4, np.nan], [4, 3, 2, 1, 0])[0] == pytest.approx(-1)
+
+
+def test_five_ranks_in_one_order_are_no_proof():
+    """All five agreeing is one order of 120: an interval without width would call it certain."""
+    rho, low, high = spearman([1, 2, 3, 4, 5], [2, 4, 6, 8, 10])
+    assert (rho, high) == (pytest.approx(1), pytest.approx(1))
+    assert 0 < low < 0.6
+
+
+def test_agreement_by_chance_is_not_zero():
+    """Three raters who draw lots have a W of a third on average; a W of a third must not pass for agreement."""
+    rng = np.random.default_rng(0)
+    drawn = [kendall_w(rng.permuted(np.tile(np.arange(6.0), (3, 1)), axis=1)) for _ in range(300)]
+    said = concordance([[1, 2, 3, 4, 5, 6], [6, 5, 4, 3, 2, 1], [2, 1, 4, 3, 6, 5]])
+    assert np.mean(drawn) == pytest.approx(said.by_chance, abs=0.03)
+    assert said.p > 0.2
+    assert concordance([[1, 2, 3, 4, 5, 6]] * 3).p < 0.01
+    assert np.isnan(concordance([[1, 1, 1], [2, 2, 2]]).p)
 
 
 def test_a_run_and_its_rows():
@@ -151,13 +177,62 @@ def test_a_run_and_its_rows():
     ]
     assert all({row[str(rank)] for rank in range(1, 5)} == set(SPACE.classes) for row in table)  # each class once
     agreement = agreement_rows(runs, methods)
-    assert [row["method"] for row in agreement] == [ABLATION, *methods]
-    assert all(0 <= row["kendall_w"] <= 1 for row in agreement)
+    assert [row["method"] for row in agreement] == [ABLATION, *methods, ALL_EXPLAINERS, ALL_EXPLAINERS]
+    assert all(0 <= row["kendall_w"] <= 1 and 0 < row["p"] <= 1 for row in agreement)
+    assert {row["by_chance"] for row in agreement} == {1 / 2, 1 / len(methods)}
+    assert ALL_EXPLAINERS not in {row["method"] for row in agreement_rows(runs, methods[:1])}
     between = explainer_rows(runs, methods)
-    assert [row[row["method"]] for row in between] == pytest.approx([1.0] * len(between))
-    assert between[0][methods[0]] == between[1][ABLATION]
-    assert 0 <= explainers_w(runs, methods) <= 1
-    assert np.isnan(explainers_w(runs, methods[:1]))
+    assert len(between) == len(methods) * (len(methods) + 1) // 2
+    assert all(row["method"] != row["other"] and -1 <= row["spearman"] <= 1 for row in between)
+    of_frequency = frequency_rows(runs, methods)
+    assert [row["method"] for row in of_frequency] == [ABLATION, *methods]
+    assert all(row["frequency_low"] <= row["frequency"] <= row["frequency_high"] for row in of_frequency)
+    controls = control_rows(runs, methods, draws=20)
+    assert [(row["method"], row["scope"]) for row in controls] == [
+        (method, f"against {control}") for control in (*CONTROLS, "inverted") for method in methods
+    ]
+    for row in controls:
+        mean = np.mean([run.introspection.characterisation[row["method"]].mean() for run in runs])
+        other = np.mean(
+            [run.introspection.characterisation[row["scope"].removeprefix("against ")].mean() for run in runs]
+        )
+        assert row["better_by"] == pytest.approx(mean - other)
+
+
+def test_a_control_that_is_the_explainer_itself_is_not_beaten():
+    model, arrays = make_model("paper"), building(length=12, objects=12)
+    run = introspect_run(model, *office_variants(arrays, SPACE, 0), methods=["saliency"], shift_places=2)
+    scores = run.introspection.characterisation
+    object.__setattr__(run.introspection, "characterisation", {**scores, "random": scores["saliency"]})
+    row = control_rows([run], ["saliency"], draws=20)[0]
+    assert (row["better_by"], row["verdict"]) == (0, "no better")
+
+
+def test_a_word_in_every_text_says_nothing():
+    model, arrays = make_model("rings"), building(length=24, objects=12)
+    run = introspect_run(model, *office_variants(arrays, SPACE, 0), methods=["attention"], shift_places=2)
+    for name in run.frequency:
+        part = run.introspection.seen[:, run.query.object_classes == SPACE.index(name)].any(1).mean()
+        assert inverse_document_frequency(run, name) == pytest.approx(-np.log(part))
+
+
+def test_places_without_the_class_in_reach_need_not_be_explained_again():
+    """What is taken over from before must be what explaining anew would give."""
+    model, arrays = make_model("paper"), building(length=60, objects=8)
+    query, reference = office_variants(arrays, SPACE, 0)
+    methods = ["saliency", "shapley_sampling", "attention"]
+    before = introspect_map(model, query, reference, methods=methods, with_fidelity=False)
+    taken_over = 0
+    for name in SPACE.classes:
+        member = query.object_classes == SPACE.index(name)
+        taken_over += int((~before.seen[:, member].any(1)).sum())
+        found = importance_without(model, query, reference, name, before, methods, 0, lambda *_: None, "")
+        a, b = without_class(query, SPACE, name), without_class(reference, SPACE, name)
+        anew = introspect_map(model, a, b, methods=methods, with_fidelity=False).importance
+        for method in methods:
+            want = spread(anew[method], a.object_ids, query.object_ids)
+            np.testing.assert_allclose(found[method], want, atol=1e-5)
+    assert taken_over > 0
 
 
 def test_the_whole_study_trains_explains_and_repeats():
@@ -168,10 +243,13 @@ def test_the_whole_study_trains_explains_and_repeats():
     def study():
         return introspect(
             arrays, SPACE, seeds=(0, 1), config=config, methods=["attention", "saliency"], shift_places=2, moved_m=None,
-            progress=lambda done, total, words: told.append(words),
+            sanity_places=2, progress=lambda done, total, words: told.append(words),
         )  # fmt: skip
 
     found = study()
     assert document("introspect", 0, [], found.rows) == document("introspect", 0, [], study().rows)
-    assert {"run 1, training", "run 2", "run 1, without chair"} <= set(told)
-    assert {row["method"] for row in found.rows} == {ABLATION, "attention", "saliency", "random", "inverted"}
+    assert {"run 1, training", "run 2", "run 1, without chair", "run 2, gat shuffled"} <= set(told)
+    methods = {row["method"] for row in found.rows}
+    assert methods == {ABLATION, ALL_EXPLAINERS, "attention", "saliency", "random", "inverted", "coverage"}
+    ways = {row["way"] for row in found.rows if "way" in row}
+    assert ways == {"cascading", "alone"}

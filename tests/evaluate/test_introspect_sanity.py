@@ -5,7 +5,7 @@ import pytest
 import torch
 from small_building import SPACE, building_update, make_model
 
-from semloc_core.evaluate.introspect_sanity import baseline_rows, randomisation_rows
+from semloc_core.evaluate.introspect_sanity import baseline_rows, mean_rows, randomisation_rows, sanity_rows
 from semloc_core.evaluate.office import office_variants
 from semloc_core.explain.explainers import EXPLAINERS
 from semloc_core.graph_arrays import GraphArrays
@@ -46,3 +46,22 @@ def test_baselines(variants):
     assert rows[0]["spearman"] == pytest.approx(1)
     assert all(row["gap"] < 0.05 for row in rows)
     assert torch.is_grad_enabled()
+
+
+def test_both_checks_of_several_runs(variants):
+    model, explained = make_model("paper"), np.array([1, 4, 8])
+    rows = []
+    for run in (1, 2):
+        rows += sanity_rows(
+            model, *variants, explained, run=run, methods=["integrated_gradients"], n_places=2, seed=run
+        )
+    assert {row["run"] for row in rows} == {1, 2}
+    mean = mean_rows(rows)
+    assert len(mean) == len(rows) // 2 == 13
+    for row in mean:
+        key = ("method", "scope", "way")
+        same = [r["spearman"] for r in rows if all(r[k] == row[k] for k in key)]
+        assert row["spearman"] == pytest.approx(np.mean(same))
+    assert not [
+        row for row in sanity_rows(model, *variants, explained, methods=["saliency"]) if row["way"] == "baseline"
+    ]

@@ -7,6 +7,7 @@ from semloc_core.report.introspection_figures import (
     fidelity_figure,
     importance_figure,
     matrices_figure,
+    randomisation_figure,
     shift_figure,
 )
 
@@ -61,3 +62,9 @@ def test_shift_names_each_class_at_its_marks_and_gives_the_correlation():
     )
     assert (marks.count("class-0"), marks.count("class-1")) == (3, 3)
     assert {"couch", "chair", "ρ = 0.8 [0.1, 0.9]"} <= set(marks.labels)
+
+
+def test_randomisation_starts_at_the_model_as_it_is():
+    marks = Marks(randomisation_figure(["embed", "gat"], {"saliency": [0.5, 0.1], "class_shapley": [0.4, -0.1]}))
+    assert (marks.count("shuffled-0"), marks.count("shuffled-1")) == (3, 3)
+    assert {"none", "+ embed", "+ gat", "saliency", "class shapley"} <= set(marks.labels)

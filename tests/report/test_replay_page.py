@@ -4,7 +4,9 @@ from html.parser import HTMLParser
 import pytest
 from replay_cases import Step, one_map, walk, write_results
 
-from semloc_core.report.page import Fact, Section, Table, page
+from semloc_core.errors import FileFormatError
+from semloc_core.report.kept import keep, kept
+from semloc_core.report.page import Fact, Page, Section, Table, joined
 from semloc_core.report.picture import answer_picture
 from semloc_core.report.replay_data import read_results
 from semloc_core.report.replay_report import replay_page
@@ -50,7 +52,7 @@ def walked(tmp_path_factory):
 @pytest.fixture(scope="module")
 def text(walked) -> str:
     loaded, results = walked
-    return replay_page(read_results(results, loaded), loaded, "r.mcap")
+    return replay_page(read_results(results, loaded), loaded, "r.mcap").html()
 
 
 def test_page_asks_nothing_of_a_network(text):
@@ -89,13 +91,13 @@ def test_page_says_what_the_bag_says(text):
 
 def test_same_results_same_bytes(walked, text):
     loaded, results = walked
-    assert replay_page(read_results(results, loaded), loaded, "r.mcap") == text
+    assert replay_page(read_results(results, loaded), loaded, "r.mcap").html() == text
 
 
 def test_without_truth_nothing_is_called_right(tmp_path):
     loaded, _ = one_map(tmp_path)
     steps = [Step([("home", float(i))], None, shares={"chair": 1.0}) for i in range(4)]
-    text = replay_page(read_results(write_results(tmp_path / "r.mcap", loaded, steps), loaded), loaded, "r.mcap")
+    text = replay_page(read_results(write_results(tmp_path / "r.mcap", loaded, steps), loaded), loaded, "r.mcap").html()
     Reader(text)
     assert "bring no ground truth" in text
     assert 'id="success"' not in text
@@ -107,13 +109,13 @@ def test_without_truth_nothing_is_called_right(tmp_path):
 def test_one_answer_without_a_match_makes_a_page(tmp_path):
     loaded, _ = one_map(tmp_path)
     results = write_results(tmp_path / "r.mcap", loaded, [Step([], None, "no_graph")])
-    Reader(replay_page(read_results(results, loaded), loaded, "r.mcap"))
+    Reader(replay_page(read_results(results, loaded), loaded, "r.mcap").html())
 
 
 def test_buildings_that_nothing_touched_are_not_drawn(tmp_path):
     loaded, _ = one_map(tmp_path, "a", "b", "c")
     steps = [Step([("b", 1.0)], ("a", 1.0)), Step([("a", 1.0)], ("a", 1.0))]
-    text = replay_page(read_results(write_results(tmp_path / "r.mcap", loaded, steps), loaded), loaded, "r.mcap")
+    text = replay_page(read_results(write_results(tmp_path / "r.mcap", loaded, steps), loaded), loaded, "r.mcap").html()
     assert "map&#x27;s 3 buildings those are drawn" in text
     assert 'id="where1-figure_1"' in text
     assert 'id="where2-figure_1"' not in text
@@ -122,7 +124,7 @@ def test_buildings_that_nothing_touched_are_not_drawn(tmp_path):
 def test_names_are_escaped():
     evil = "<script>alert(1)</script>"
     section = Section("k", evil, evil, "", [Table(evil, [{evil: evil}], evil)])
-    text = page(evil, [evil], [Fact(evil, evil)], [section], [(evil, evil)], [])
+    text = Page(evil, [evil], [Fact(evil, evil)], [section], [(evil, evil)], []).html()
     assert "<script>" not in text
     Reader(text)
 
@@ -134,3 +136,36 @@ def test_picture_is_a_small_png_and_the_same_each_time(walked):
     assert picture.startswith(b"\x89PNG")
     assert len(picture) < 200_000
     assert picture == answer_picture(data, loaded)
+
+
+def test_two_pages_as_one():
+    def one(key: str) -> Page:
+        section = Section(key, f"figure {key}", "See.", tables=[Table("t", [{"a": 1.0, "b": None}])])
+        return Page(f"page {key}", ["Hello."], [], [section], [("Place", key), (f"only {key}", "x")], [("Map", key)])
+
+    both = joined(one("first"), one("second"))
+    assert both.title == "page first"
+    assert [section.key for section in both.sections] == ["first", "second"]
+    assert both.terms == (("Place", "first"), ("only first", "x"), ("only second", "x"))
+    read = Reader(both.html())
+    assert {"first", "second"} <= set(read.ids)
+    assert len(read.ids) == len(set(read.ids))
+
+
+def test_a_page_is_kept_and_read_again(tmp_path):
+    section = Section(
+        "s", "figure", "See.", "<svg></svg>", [Table("t", [{"a": 1.5, "b": None, "c": "x"}], "note")], True
+    )
+    page = Page("title", ["Hello."], [Fact("1", "one")], [section], [("Place", "x")], [("Map", "y")])
+    keep(page, tmp_path / "page.json")
+    assert kept(tmp_path / "page.json").html() == page.html()
+
+
+@pytest.mark.parametrize("content", [None, b"{}", b"\xff\xfe", b'{"format": "semloc/page/9", "page": {}}'])
+def test_what_is_no_kept_page_is_refused_in_one_line(tmp_path, content):
+    if content is not None:
+        (tmp_path / "page.json").write_bytes(content)
+    with pytest.raises(
+        FileFormatError, match=r"^expected a page kept by semloc introspect --keep [^\n]*\(got [^\n]*\)$"
+    ):
+        kept(tmp_path / "page.json")

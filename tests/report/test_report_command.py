@@ -4,6 +4,8 @@ from typer.testing import CliRunner
 
 from semloc_core.cli import app
 from semloc_core.errors import BagError, SemlocError
+from semloc_core.report.kept import keep
+from semloc_core.report.page import Page, Section
 
 
 def run(*arguments) -> str:
@@ -19,6 +21,19 @@ def test_page_and_picture_are_written(tmp_path):
     assert (tmp_path / "r.html").read_bytes().startswith(b"<!doctype html>")
     run("picture", results, "--map", path, "-o", tmp_path / "p.png")
     assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_study_goes_on_the_same_page(tmp_path):
+    loaded, path = one_map(tmp_path)
+    results = write_results(tmp_path / "r.mcap", loaded, walk())
+    study = Page("why", ["Because."], [], [Section("rankings", "Which classes", "See.")], [], [])
+    keep(study, tmp_path / "study.json")
+    run("replay", results, "--map", path, "--study", tmp_path / "study.json", "-o", tmp_path / "r.html")
+    text = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert 'id="success"' in text
+    assert 'id="rankings"' in text
+    run("study", tmp_path / "study.json", "-o", tmp_path / "s.html")
+    assert 'id="rankings"' in (tmp_path / "s.html").read_text(encoding="utf-8")
 
 
 def test_truth_can_come_from_the_run(tmp_path):
