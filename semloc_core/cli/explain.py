@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,8 +14,12 @@ from semloc_core.cli.common import console, read_graph_or_run
 from semloc_core.errors import ConfigError, GraphError
 
 if TYPE_CHECKING:
-    from semloc_core.messages import Explanation, PlaceMatches
+    from semloc_core.evaluate.rows import Row
+    from semloc_core.messages import Explanation, MethodAttributions, PlaceMatches
     from semloc_core.scene_graph import SceneGraph
+
+CLASSES = 8
+"""Classes printed at most; the JSON has all."""
 
 
 def explain(
@@ -108,15 +113,7 @@ def _print_matches(matches: PlaceMatches, query: str, reason: str) -> None:
 
 def _print_explanation(explanation: Explanation) -> None:
     console.print(f"why {explanation.match_map} {explanation.match_place} (similarity {explanation.similarity:.4f}):")
-    for said in explanation.methods:
-        console.print(f"  {said.method}")
-        for row in said.classes:
-            console.print(f"    {row.share:6.1%}  {row.class_} ({row.instances}), score {row.score:+.4f}")
-        if said.fidelity is not None:
-            console.print(
-                f"    on the top {said.fidelity.budget:.0%} of its objects: necessity {said.fidelity.necessity:.4f}, "
-                f"sufficiency {said.fidelity.sufficiency:.4f}, characterisation {said.fidelity.characterisation:.4f}"
-            )
+    _print_methods(explanation.methods)
     if explanation.why_not is not None:
         other = explanation.why_not
         console.print(
@@ -133,6 +130,44 @@ def _print_explanation(explanation: Explanation) -> None:
         )
     elif found is not None:
         console.print("no removal of objects that was tried changes the top match")
+
+
+def _print_methods(methods: Sequence[MethodAttributions]) -> None:
+    """A row an explainer, the most faithful first, and which one to read."""
+    from semloc_core.evaluate.table import print_table
+
+    order = sorted(methods, key=lambda said: -(said.fidelity.characterisation if said.fidelity else -1.0))
+    if not order or not order[0].classes:
+        return
+    best = order[0]
+    of_class = {of.class_: of.instances for of in best.classes}
+    shown = [of.class_ for of in best.classes[:CLASSES]]
+    rows: list[Row] = []
+    for said in order:
+        row: Row = {"method": said.method, "score": said.fidelity.characterisation if said.fidelity else None}
+        share = {of.class_: math.copysign(of.share, of.score) for of in said.classes}
+        rows.append(row | {f"{name} ({of_class[name]})": share[name] for name in shown})
+    print_table(rows, title="shares of the classes by each explainer, the most faithful first", console=console)
+    left_out = f" Of {len(best.classes)} classes the {CLASSES} largest." if len(best.classes) > CLASSES else ""
+    console.print(f"  In brackets: how many objects. Below zero: speaks against this place.{left_out}")
+    if best.fidelity is None:
+        return
+    others = ", ".join(f"{m.method} {m.fidelity.characterisation:.3f}" for m in order[1:] if m.fidelity is not None)
+    console.print(
+        f"  Read {best.method} first: put to the test it holds best, with a characterisation score of "
+        f"{best.fidelity.characterisation:.3f}{f' ({others})' if others else ''}."
+    )
+    console.print(
+        f"  Without the {best.fidelity.budget:.0%} of the objects that it puts first the similarity, on a scale from 0 "
+        f"to 1, changes by {best.fidelity.necessity:.3f}; with them alone by {best.fidelity.sufficiency:.3f}."
+    )
+    leaders = Counter(said.classes[0].class_ for said in order)
+    leader, count = leaders.most_common(1)[0]
+    console.print(f"  {count} of {len(order)} put {leader} first.")
+    if any(said.method == "class_shapley" for said in order):
+        console.print("  class_shapley is exact for classes, but tells no two objects of a class apart.")
+    if unsigned := [said.method for said in order if said.method in ("attention", "saliency")]:
+        console.print(f"  {' and '.join(unsigned)}: no sign; what counted, for this place or against it.")
 
 
 def _removed(objects: list[tuple[str, str]]) -> str:

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from semloc_core.errors import BagError
 from semloc_core.map_database.loaded import LoadedMap
-from semloc_core.report.colours import INK, RIGHT, WRONG, Style, grouped, styles
-from semloc_core.report.drawing import figure, to_png
+from semloc_core.report.colours import INK, OTHER, OTHER_STYLE, RIGHT, WRONG, Style, grouped, styles
+from semloc_core.report.drawing import figure, shown, to_png
 from semloc_core.report.floor_plan import Floats, Plan, draw_building
 from semloc_core.report.replay_data import Attributed, Point, ReplayData
 from semloc_core.report.replay_report import class_order
@@ -44,18 +44,13 @@ def answer_picture(data: ReplayData, loaded: LoadedMap) -> bytes:
 def _draw(plan: Plan, path: Floats, point: Point, attributed: Attributed, classes: list[str]) -> Figure:
     assert point.match is not None
     low, high = plan.limits()
-    height = float(np.clip(0.62 * _WIDTH * (high - low)[1] / (high - low)[0] + 0.9, _LEAST_HEIGHT, 6.5))
+    height = float(np.clip(0.62 * _WIDTH * (high - low)[1] / (high - low)[0] + 1.2, _LEAST_HEIGHT, 6.8))
     look, own = styles(classes), grouped(classes)[0]
     with figure(height, _WIDTH) as drawn:
         left, right = drawn.subplots(1, 2, width_ratios=[2.3, 1])
         draw_building(left, plan)
-        left.set_title(plan.name, loc="left")
+        left.set_title(f"{plan.name}, seen from above", loc="left")
         left.set_axis_off()
-        for name in [c for c in own if c in plan.objects]:
-            x, y = plan.objects[name].T
-            left.scatter(
-                x, y, s=30, marker=look[name].marker, color=look[name].colour, edgecolors=INK, linewidths=0.4, zorder=3
-            )
         if len(path):
             left.plot(*path.T, color=INK, linewidth=2.2, solid_capstyle="round", label="the robot's path", zorder=4)
         if point.truth is not None and point.truth[0] == plan.name:
@@ -65,8 +60,18 @@ def _draw(plan: Plan, path: Floats, point: Point, attributed: Attributed, classe
         colour = WRONG if point.right is False else RIGHT
         off = _distance(point)
         label = "the answer" if off is None else f"the answer, {off:.1f} m off"
-        left.plot(x, y, "*", ms=25, color=colour, mec=INK, mew=0.9, ls="", label=label, zorder=5)
-        drawn.legend(loc="outside lower left", ncols=3, handletextpad=0.4, columnspacing=1.2)
+        left.plot(x, y, "*", ms=21, color=colour, mec=INK, mew=0.9, ls="", label=label, zorder=5)
+        for name in [c for c in own if c in plan.objects]:
+            x, y = plan.objects[name].T
+            left.scatter(
+                x, y, s=30, marker=look[name].marker, color=look[name].colour, edgecolors=INK, linewidths=0.4, zorder=3,
+                label=shown(name),
+            )  # fmt: skip
+        left_over = [plan.objects[c] for c in plan.objects if c not in own]
+        if left_over:
+            x, y = np.concatenate(left_over).T
+            left.scatter(x, y, s=12, color=OTHER_STYLE.colour, zorder=2, label=OTHER)
+        drawn.legend(loc="outside lower left", ncols=5, handletextpad=0.4, columnspacing=1.2)
         _bars(right, attributed, look)
     return drawn
 
@@ -87,7 +92,7 @@ def _bars(axes: Axes, attributed: Attributed, look: dict[str, Style]) -> None:
     axes.spines["bottom"].set_visible(False)
     axes.tick_params(axis="y", length=0)
     axes.patch.set_alpha(0.0)
-    axes.set_title("because of the objects around", loc="left")
+    axes.set_title("what the answer rests on", loc="left")
 
 
 def _distance(point: Point) -> float | None:
