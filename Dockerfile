@@ -1,5 +1,6 @@
 # The node on ROS 2 Jazzy. The environment lies at the same path in both stages, since scripts name its interpreter.
 FROM ros:jazzy-ros-base AS build
+# Packages of a distribution's release are not pinned one by one (DL3008).
 SHELL ["/bin/bash", "-o", "pipefail", "-c"]
 # hadolint ignore=DL3008
 RUN apt-get update \

@@ -49,7 +49,7 @@ unit: $(VENV)/.test
 # -- ROS 2 -----------------------------------------------------------------------------------------------------
 
 $(VENV)/.ros: $(VENV)/.test
-	$(PIP) --editable '.[tools,hydra,test,ros]'
+	$(PIP) --editable '.[tools,hydra,test,ros,lint]'
 	@touch $@
 
 ros: $(VENV)/.ros ## build and test the ROS 2 node (Jazzy, in ROS=/opt/ros/jazzy)

@@ -8,5 +8,8 @@ venv=$2
 editable=${3-}
 "$python" -m venv --system-site-packages "$venv"
 sh tools/install_torch.sh "$venv/bin/python"
+pinned=$(mktemp)
+trap 'rm -f "$pinned"' EXIT
+grep -v '^numpy==' constraints.txt >"$pinned"
 # shellcheck disable=SC2086  # --editable or nothing
-"$venv/bin/python" -m pip --disable-pip-version-check --quiet install $editable '.[tools,ros]' 'numpy<2'
+"$venv/bin/python" -m pip --disable-pip-version-check --quiet install --constraint "$pinned" $editable '.[tools,ros]' 'numpy<2'

@@ -33,7 +33,7 @@ ARGUMENTS = {
     "frame_id": ("map", "frame of what is published"),
     "use_sim_time": ("false", "take the time from /clock"),
     "autostart": ("true", "configure and activate without a lifecycle manager"),
-    "respawn": ("true", "start the node again when it ends with a failure"),
+    "respawn": ("true", "start the node again when it ends"),
     "rviz": ("false", "open RViz on the localiser's topics"),
     "log_level": ("info", "log level of the node"),
 }

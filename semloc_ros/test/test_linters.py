@@ -13,11 +13,15 @@
 # limitations under the License.
 """The ament linters, as far as they are installed."""
 
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1]
+PROJECT = PACKAGE.parent
 SOURCES = [str(PACKAGE / name) for name in ("semloc_ros", "launch", "test", "setup.py")]
 
 
@@ -57,3 +61,24 @@ def test_copyright():
 def test_xmllint():
     main = pytest.importorskip("ament_xmllint.main")
     assert main.main(argv=[str(PACKAGE / "package.xml")]) == 0
+
+
+def program(name):
+    """Where a program is, beside the interpreter or on the path."""
+    found = shutil.which(name, path=str(Path(sys.executable).parent)) or shutil.which(name)
+    return found or pytest.skip(f"{name} is not installed")
+
+
+def test_hadolint():
+    done = subprocess.run(
+        [program("hadolint"), str(PROJECT / "Dockerfile")], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_shellcheck():
+    scripts = [*sorted((PROJECT / "tools").glob("*.sh")), PROJECT / ".ci" / "run"]
+    # SC1091: what is sourced is built first, or is ROS's.
+    command = [program("shellcheck"), "--exclude=SC1091", *map(str, scripts)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -30,8 +30,8 @@ def generate_test_description():
     return describe(player(), localiser(respawn=True))
 
 
-def pids_of_localiser():
-    found = subprocess.run(["pgrep", "-f", "lib/semloc_ros/localiser"], capture_output=True, text=True, check=False)
+def pids_of(program="lib/semloc_ros/localiser"):
+    found = subprocess.run(["pgrep", "-f", program], capture_output=True, text=True, check=False)
     return [int(pid) for pid in found.stdout.split() if os.environ["ROS_DOMAIN_ID"] == _domain(int(pid))]
 
 
@@ -76,10 +76,12 @@ class TestPipeline(Watching):
         return self._late
 
     def test_3_a_killed_localiser_comes_back(self):
-        before = wait_for(pids_of_localiser, "the localiser's process")
+        before = wait_for(pids_of, "the localiser's process")
+        explaining = wait_for(lambda: pids_of("semloc_ros.explain_process"), "the process that explains")
         for pid in before:
             os.kill(pid, signal.SIGKILL)
-        wait_for(lambda: (now := pids_of_localiser()) and not set(now) & set(before), "another process", 120)
+        wait_for(lambda: not set(explaining) & set(pids_of("semloc_ros.explain_process")), "it to end by itself")
+        wait_for(lambda: (now := pids_of()) and not set(now) & set(before), "another process", 120)
         fresh = self.answers_after(30)
         assert fresh[-1].status in ("match", "ambiguous"), fresh[-1].status
 
