@@ -2,35 +2,137 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from semloc_core.cli.common import Json, Seed, console, progress, show
+from semloc_core.whole_file import write_whole
 
-app = typer.Typer(no_args_is_help=True, help="Measure speed, side by side with the peers.")
+if TYPE_CHECKING:
+    from semloc_core.evaluate.bench_case import BenchCase
+    from semloc_core.evaluate.rows import Progress, Row
+
+    Bench = Callable[[BenchCase, Progress], list[Row]]
+
+app = typer.Typer(help="Measure speed, side by side with the peers.")
+
+Repeats = Annotated[int, typer.Option("--repeats", min=1, help="How often each contender is timed.")]
+ABOUT = "ratio: a contender's CPU time over the first's of its task; one thread; p50_ms and p99_ms by the clock"
 
 
-@app.callback()
-def _bench() -> None:
-    """Measure speed, side by side with the peers."""
-
-
-@app.command("explain")
-def explain(
-    repeats: Annotated[int, typer.Option("--repeats", min=1, help="How often each contender is timed.")] = 20,
-    seed: Seed = 0,
-    json_file: Json = None,
-) -> None:
-    """Explainers beside PyG's and Captum's: the same weights and graph, one thread, one run."""
+@contextmanager
+def _peers() -> Iterator[None]:
+    """Say which peer is missing; torch and BLAS on one thread."""
     from semloc_core.errors import ConfigError
 
     try:
-        from semloc_core.evaluate.bench_explain import bench_explain
+        from semloc_core.evaluate.bench_explain import one_thread
 
-        with progress("timing") as bar:
-            rows = bench_explain(repeats, seed=seed, progress=bar)
+        with one_thread():
+            yield
     except ModuleNotFoundError as error:
         raise ConfigError(f"expected the peers, semloc[test], to be installed (got no {error.name})") from error
+
+
+def _run(command: str, title: str, seed: int, json_file: Path | None, *benches: Bench) -> list[Row]:
+    with _peers(), progress("timing") as bar:
+        from semloc_core.evaluate.bench_case import make_bench_case
+
+        case = make_bench_case(seed)
+        rows = [row for bench in benches for row in bench(case, bar)]
+    show(command, seed, [], rows, json_file, title=title)
+    console.print(ABOUT)
+    return rows
+
+
+def _update(case: BenchCase, bar: Progress) -> list[Row]:
+    from semloc_core.evaluate.bench_update import bench_update
+
+    return bench_update(case, progress=bar)
+
+
+def _search(case: BenchCase, bar: Progress) -> list[Row]:
+    from semloc_core.evaluate.bench_search import bench_search
+
+    return bench_search(case, progress=bar)
+
+
+def _train(case: BenchCase, bar: Progress) -> list[Row]:
+    from semloc_core.evaluate.bench_train import bench_train
+
+    return bench_train(case, progress=bar)
+
+
+def _start(case: BenchCase, bar: Progress) -> list[Row]:
+    from semloc_core.evaluate.bench_start import bench_start
+
+    return bench_start(case, progress=bar)
+
+
+def _explain(case: BenchCase, bar: Progress) -> list[Row]:
+    from semloc_core.evaluate.bench_explain import bench_explain
+
+    return bench_explain(progress=bar)
+
+
+@app.callback(invoke_without_command=True)
+def bench(context: typer.Context, seed: Seed = 0, json_file: Json = None) -> None:
+    """Measure speed, side by side with the peers: everything in one table, or a part of it."""
+    if context.invoked_subcommand is None:
+        _run(
+            "bench", "semloc beside its peers, one thread", seed, json_file, _update, _search, _train, _explain, _start
+        )
+
+
+@app.command("update")
+def update(seed: Seed = 0, json_file: Json = None) -> None:
+    """One update, step by step, on maps of 1,500 to a million places, beside PyG's forward pass."""
+    _run("bench update", "one update, with an attribution each time", seed, json_file, _update)
+
+
+@app.command("search")
+def search(seed: Seed = 0, json_file: Json = None) -> None:
+    """Exact search of up to a million embeddings of 32 floats, beside faiss where it is installed."""
+    _run("bench search", "search", seed, json_file, _search)
+
+
+@app.command("train")
+def train(seed: Seed = 0, json_file: Json = None) -> None:
+    """Embedding a building and training steps, beside PyG."""
+    _run("bench train", "embedding and training", seed, json_file, _train)
+
+
+@app.command("start")
+def start(seed: Seed = 0, json_file: Json = None) -> None:
+    """Start-up: imports, first answers, memory held."""
+    _run("bench start", "start-up", seed, json_file, _start)
+
+
+@app.command("growth")
+def growth(
+    seed: Seed = 0,
+    json_file: Json = None,
+    plot: Annotated[Path | None, typer.Option("--plot", metavar="PNG", help="Draw the curves.")] = None,
+) -> None:
+    """Time and memory against map, graph, objects in reach and classes."""
+    from semloc_core.evaluate.bench_growth import bench_growth
+    from semloc_core.report.growth_figure import growth_picture
+
+    rows = _run("bench growth", "growth", seed, json_file, lambda case, bar: bench_growth(case, progress=bar))
+    if plot is not None:
+        write_whole(plot, growth_picture(rows))
+
+
+@app.command("explain")
+def explain(repeats: Repeats = 20, seed: Seed = 0, json_file: Json = None) -> None:
+    """Explainers beside PyG's and Captum's: the same weights and graph, one thread, one run."""
+    with _peers(), progress("timing") as bar:
+        from semloc_core.evaluate.bench_explain import bench_explain
+
+        rows = bench_explain(repeats, seed=seed, progress=bar)
     show("bench explain", seed, [], rows, json_file, title="explainers beside their peers, one thread")
     console.print("a hall of 30 places and 30 objects; ratio: median CPU time over semloc's")

@@ -1,0 +1,86 @@
+"""From nothing to a first answer: fresh processes, timed by the clock, and what they hold when they are done."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from semloc_core.evaluate.bench_case import BenchCase
+from semloc_core.evaluate.rows import Progress, Row, no_progress
+from semloc_core.map_database import MapDatabase
+
+PROGRAMS = {
+    "python": "pass",
+    "torch, numpy: the floor": "import torch, numpy",
+    "semloc: the localiser imported": "import semloc_core.localiser, semloc_core.map_database",
+    "semloc: map loaded, first answer": """
+from pathlib import Path
+from semloc_core.localiser import Localiser
+from semloc_core.map_database import load
+localiser = Localiser(load({map!r}))
+assert localiser.update(Path({update!r}).read_bytes()).matches.matches""",
+    "semloc --version": "import sys; sys.argv = ['semloc', '--version']; from semloc_core.cli import main; main()",
+    "semloc map info": "import sys; sys.argv = ['semloc', 'map', 'info', {map!r}]; from semloc_core.cli import main; main()",
+}
+HELD = "\nimport resource, sys; sys.stderr.write(f'held {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss}')"
+
+
+def bench_start(case: BenchCase, repeats: int = 3, progress: Progress = no_progress) -> list[Row]:
+    """Time fresh processes.
+
+    Args:
+        case: gives the map and the update of the first answer.
+        repeats: how often each is started.
+        progress: told of every start.
+
+    Returns:
+        A row a program: ``p50_ms`` and the most that it held, ``peak_mib``; ``ratio`` to importing torch alone.
+
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        path, update = Path(folder) / "office.map", Path(folder) / "update.json"
+        graph = case.arrays.to_scene_graph(case.model.labelspace)
+        with MapDatabase.create(path, case.model) as database:
+            arrays = case.arrays
+            database.add_building("office", graph, arrays.place_ids, arrays.place_positions, case.embeddings)
+        update.write_bytes(case.updates[0])
+        names = {"map": str(path), "update": str(update)}
+        took: dict[str, list[tuple[float, float]]] = {name: [] for name in PROGRAMS}
+        for repeat in range(repeats):
+            for name, program in PROGRAMS.items():
+                progress(repeat, repeats, name)
+                took[name].append(_start(program.format(**names)))
+    found = {name: np.median(np.array(pairs), axis=0) for name, pairs in took.items()}
+    floor = float(found["torch, numpy: the floor"][0])
+    return [
+        {
+            "method": name,
+            "scope": "start of a process",
+            "ratio": float(seconds) / floor,
+            "p50_ms": 1e3 * float(seconds),
+            "peak_mib": float(peak),
+            "repeats": repeats,
+        }
+        for name, (seconds, peak) in found.items()
+    ]
+
+
+def _start(program: str) -> tuple[float, float]:
+    """Seconds by the clock, and the most memory held (MiB)."""
+    text = f"import atexit\natexit.register(lambda: exec({HELD!r}))\n{program}"
+    began = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-c", text],
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        check=True,
+        text=True,
+    )
+    return time.perf_counter() - began, int(done.stderr.rsplit("held ", 1)[1]) / 1024
