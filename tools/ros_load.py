@@ -2,13 +2,14 @@
 """Load on the node, with real processes: latency from update to match, drops, memory, explanations on and off.
 
 Run in a shell where ROS 2 and the workspace are sourced:
-    python tools/ros_load.py --map MAP --run RUN [--json FILE] [--memory]
+    python tools/ros_load.py --map MAP --run RUN [--json FILE] [--memory UPDATES]
 
 RUN is a bag of updates, best of a graph of about 1,500 places (`semloc bag simulate`). It is sent as deltas; each
 answer's latency is from just before its update was published until it was received, by one clock in one process.
-``inside`` is what the node itself says (`latency_ms`): from the update's arrival in its queue to the answer; the rest,
-``share_ros_and_json`` of the median, is transport, executor and the answer's JSON. The core's own latency is measured
-on the same updates, at the same rate, in a process of its own.
+``inside`` is what the node itself says (`latency_ms`): from the update's arrival in its queue until the answer is there.
+``share_ros`` of the median is transport and executor, ``share_json`` reading updates and writing answers. The core's own
+latency, and the time it takes over JSON, are measured on the same updates, at the same rate, in a process of its own.
+A rate is ``held`` if every update is applied and 99 % of them are answered for themselves.
 """
 
 from __future__ import annotations
