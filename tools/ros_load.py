@@ -6,10 +6,10 @@ Run in a shell where ROS 2 and the workspace are sourced:
 
 RUN is a bag of updates, best of a graph of about 1,500 places (`semloc bag simulate`). It is sent as deltas; each
 answer's latency is from just before its update was published until it was received, by one clock in one process.
-``inside`` is what the node itself says (`latency_ms`): from the update's arrival in its queue until the answer is there.
-``share_ros`` of the median is transport and executor, ``share_json`` reading updates and writing answers. The core's own
-latency, and the time it takes over JSON, are measured on the same updates, at the same rate, in a process of its own.
-A rate is ``held`` if every update is applied and 99 % of them are answered for themselves.
+``inside`` is what the node itself says (`latency_ms`): from the update's arrival in its queue until the answer is
+there. ``share_ros`` of the median is transport and executor, ``share_json`` reading updates and writing answers. The
+core's own latency, and the time it takes over JSON, are measured on the same updates, at the same rate, in a process
+of its own. A rate is ``held`` if every update is applied and 99 % of them are answered for themselves.
 """
 
 from __future__ import annotations
