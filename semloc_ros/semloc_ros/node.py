@@ -215,7 +215,11 @@ class LocaliserNode(LifecycleNode):
         if session is None:
             return
         state = "active" if session.worker.answering else "inactive"
-        lines, stamp = session.lines(state), self.get_clock().now().to_msg()
+        try:
+            lines, stamp = session.lines(state), self.get_clock().now().to_msg()
+        except Exception as error:  # what watches the localiser must not end it
+            self.get_logger().error(f"diagnostics failed: {type(error).__name__}: {error}", throttle_duration_sec=60.0)
+            return
         self._diagnostics.publish(conversions.diagnostics_msg(lines, self.get_fully_qualified_name(), stamp))
 
     # -- services ----------------------------------------------------------------------------------------------

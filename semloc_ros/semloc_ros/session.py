@@ -15,6 +15,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -23,12 +24,15 @@ from builtin_interfaces.msg import Time
 
 from semloc_core import wire
 from semloc_core.class_shift import ClassShift
+from semloc_core.errors import SemlocError
 from semloc_core.localiser import Localiser, Located
 from semloc_ros.diagnostics import Diagnostics, Line
 from semloc_ros.explaining import Explaining
 from semloc_ros.parameters import NodeConfig
 from semloc_ros.publishing import Publishing
 from semloc_ros.worker import Answer, Worker
+
+logger = logging.getLogger(__name__)
 
 
 class Session:
@@ -98,7 +102,13 @@ class Session:
             # The place is named also where it is the robot's own: a question is no observation of a filter's.
             return localiser.locate(asked or (graph.query_place if graph is not None else None))
 
-        located = self.worker.call(locate)
+        try:
+            located = self.worker.call(locate)
+        except SemlocError:
+            raise
+        except Exception as error:  # a bug costs who asks an answer, not the robot its localiser
+            logger.exception("a question could not be answered")
+            raise SemlocError("expected an answer (got an internal error, see the log)") from error
         if request is None:
             query, frame_id = located.query, located.matches.frame_id
             request = wire.ExplainRequest("semloc/explain_request/1", query.stamp_ns, frame_id, query.seq)

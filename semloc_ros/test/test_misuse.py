@@ -175,3 +175,30 @@ def test_a_second_node_of_the_same_name_does_not_end_the_first(localiser, client
     time.sleep(0.2)
     assert len(side.matches) == 1
     assert rclpy.ok()
+
+
+def test_a_bug_in_diagnostics_or_behind_a_question_costs_no_answer(localiser, client, monkeypatch, capfd):
+    node = localiser()
+    side = client().connect()
+    run = updates()
+    side.send(run[0])
+    side.wait_matches(1)
+
+    def broken(*_):
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr(node._session._diagnostics, "lines", broken)
+    monkeypatch.setattr(node._session.worker, "call", broken)
+    answer = side.call("explain")
+    assert not answer.success
+    assert "internal error" in answer.message
+    said = ""
+    for _ in range(60):
+        said += capfd.readouterr().err
+        if "diagnostics failed: ZeroDivisionError" in said:
+            break
+        time.sleep(0.1)
+    else:
+        raise AssertionError(said)
+    side.send(run[1])
+    assert side.wait_matches(2)[-1].seq == 1
