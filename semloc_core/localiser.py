@@ -245,7 +245,7 @@ class Localiser:
             return _because(query, "the place asked for is not in the graph")
         if not graph.neighbours[place]:
             return _because(query, "the query place is isolated")
-        batch = extract(graph, self._visibility, model.labelspace, [place], model.encoder.extraction)
+        batch = self.map.weigh(extract(graph, self._visibility, model.labelspace, [place], model.encoder.extraction))
         if not bool(batch.is_object.any()):
             return _because(query, "no object in reach of the query place")
         with torch.inference_mode():

@@ -54,13 +54,18 @@ def read_known(path: Path, model: Model) -> SceneGraph:
 
 def put(database: MapDatabase, model: Model, path: Path, name: str, replace: bool) -> int:
     """Put a whole building into a map; how many places it has."""
+    import numpy as np
+
     from semloc_core.graph_arrays import GraphArrays
-    from semloc_core.model import embed_graph
+    from semloc_core.map_merge.store import embed_again, map_weights
 
     graph = read_known(path, model)
     arrays = GraphArrays.from_scene_graph(graph, model.labelspace, name)
+    before = map_weights(database, model)
     write = database.replace_building if replace else database.add_building
-    write(name, graph, arrays.place_ids, arrays.place_positions, embed_graph(model, arrays), source=path.name)
+    nothing = np.zeros((arrays.n_places, model.encoder.dimension), dtype=np.float32)
+    write(name, graph, arrays.place_ids, arrays.place_positions, nothing, source=path.name)
+    embed_again(database, model, database.buildings if map_weights(database, model) != before else [name])
     return arrays.n_places
 
 
@@ -103,19 +108,23 @@ def remove(
     """Remove buildings; with --place single places of one."""
     from semloc_core.map_database import MapDatabase, load
     from semloc_core.map_merge.edit import store_edited, without_places
+    from semloc_core.map_merge.store import embed_again, map_weights
 
     if place and len(names) != 1:
         raise MapError(f"expected one building with --place (got {len(names)})")
-    model = load(map_file).model if place else None
+    model = load(map_file).model
     with MapDatabase.open(map_file) as database, database.transaction():
+        database.require(model.hash, model.labelspace.hash)
+        before = map_weights(database, model)
         for name in names:
-            if model is not None and place:
-                database.require(model.hash, model.labelspace.hash)
+            if place:
                 store_edited(database, model, name, without_places(database.graph(name), set(place)))
                 console.print(f"{name}: {len(set(place))} of its places removed")
             else:
                 database.remove_building(name)
                 console.print(f"{name}: removed")
+        if map_weights(database, model) != before:  # what it taught of classes is gone
+            embed_again(database, model, database.buildings)
 
 
 def merge(

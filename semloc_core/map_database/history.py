@@ -19,7 +19,7 @@ Amount = Annotated[float, msgspec.Meta(ge=0, le=1e12)]
 
 FIRST_SEEN = 0.8
 """Probability that an object is there which one traversal saw and none could confirm."""
-MOVE_RATE = 0.1
+MOVE_RATE = 0.2
 """Prior share of objects that are elsewhere at the next traversal."""
 MOVE_RATE_COUNTS = 4.0
 """How many objects that prior weighs as much as: of all classes together, and again of a class beside all others."""

@@ -10,6 +10,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import torch
 from numpy.typing import ArrayLike, NDArray
 
 from semloc_core.errors import MapError
@@ -27,7 +28,9 @@ from semloc_core.map_database.records import (
 )
 from semloc_core.map_database.schema import read
 from semloc_core.map_database.search import ExactSearch
+from semloc_core.map_database.weights import class_weights
 from semloc_core.model import Model
+from semloc_core.place_graph import Batch
 from semloc_core.scene_graph import SceneGraph
 
 
@@ -140,6 +143,21 @@ class LoadedMap:
         """What traversals have told of a building since it was mapped; empty for a map that no file holds."""
         number = self._number(building)
         return unpack_history(self.stored[number].history) if number < len(self.stored) else History()
+
+    @cached_property
+    def _class_weights(self) -> torch.Tensor | None:
+        """(C,) or None where all weigh 1."""
+        changes = [unpack_history(building.history).classes for building in self.stored]
+        weights = list(class_weights(changes, self.model.labelspace).values())
+        return None if all(weight == 1.0 for weight in weights) else torch.tensor(weights, dtype=torch.float32)
+
+    def weigh(self, batch: Batch) -> Batch:
+        """A query's batch with its objects weighed by class, as the map's are; see `semloc_core.map_database.weights`.
+
+        The batch itself for a map into which no traversal was merged.
+        """
+        weights = self._class_weights
+        return batch if weights is None else batch.with_features(batch.features * weights)
 
     def frame_id(self, building: str) -> str:
         """The frame of a building's positions; empty where no file says it."""

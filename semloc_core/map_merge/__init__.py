@@ -3,6 +3,5 @@
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.merge import Merged, Side, merge
 from semloc_core.map_merge.store import merge_into, propose
-from semloc_core.map_merge.weights import object_weights
 
-__all__ = ["MergeConfig", "Merged", "Side", "merge", "merge_into", "object_weights", "propose"]
+__all__ = ["MergeConfig", "Merged", "Side", "merge", "merge_into", "propose"]

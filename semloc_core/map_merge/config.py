@@ -37,7 +37,7 @@ class MergeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         float, Meta(gt=0.0, le=100.0, description="standard deviation of x and of y of an object moved, m")
     ] = 2.5
     miss_rate: Annotated[float, Meta(gt=0.0, lt=1.0, description="prior share of objects that a traversal misses")] = (
-        0.2
+        0.25
     )
     new_rate: Annotated[
         float, Meta(gt=0.0, lt=1.0, description="prior share of objects seen that are no object of the map")

@@ -5,6 +5,9 @@ mapping in semi-static environments", ICRA 2016): between two traversals an obje
 survival prior, here geometric), a detector misses what is there, and now and then sees what is not. λ is not given but
 learnt with it: the chance that each object moved is counted for its class (expectation maximisation), on top of what
 earlier traversals counted.
+
+That filter takes misses for independent. A detector's are not: what it overlooked once it is apt to overlook again.
+So every object has a miss rate of its own, Beta distributed about the detector's; its misses and sightings update it.
 """
 
 from __future__ import annotations
@@ -22,10 +25,12 @@ from semloc_core.map_database.history import ClassChange, ObjectBelief, move_rat
 from semloc_core.map_merge.align import VERTICAL_GATE_M
 from semloc_core.map_merge.config import MergeConfig
 
-ROUNDS = 8
-MISS_COUNTS = 20.0
+ROUNDS = 40
+MISS_COUNTS = 200.0
 """How many objects the prior of the detector's miss rate weighs as much as."""
 
+OBJECT_COUNTS = 2.0
+"""How many looks at an object the detector's miss rate weighs as much as, in the object's own."""
 OUT_OF_SIGHT = 0.5
 """Chance that an object which moved is not seen where it is now: missed, carried far, or not come by."""
 
@@ -91,6 +96,8 @@ def judge(
 
     """
     before = np.array([belief.persistence for belief in seen.beliefs])
+    looks = np.array([belief.expected for belief in seen.beliefs], dtype=np.float64)
+    overlooked = looks - np.array([belief.seen for belief in seen.beliefs])
     names = sorted(set(seen.classes))
     number = {name: i for i, name in enumerate(names)}
     of_class = np.array([number[name] for name in seen.classes], dtype=np.int64)
@@ -98,13 +105,14 @@ def judge(
     candidate, nearby = _candidates(seen, missing, config)
     in_class = np.bincount(of_class, minlength=len(names))
     strangers = config.new_rate * np.maximum(in_class, 1) / max(seen.area, 1.0)  # unrelated ones, a m²
-    miss = config.miss_rate
+    usual = config.miss_rate
     changes: dict[str, ClassChange] = {}
     stayed, moved, there = np.zeros(len(before)), np.zeros(len(before)), before.copy()
     for _ in range(ROUNDS):
         rates = move_rates([*earlier, changes], names)
         rate = np.array([rates[name] for name in names])[of_class]
         stranger = strangers[of_class]
+        miss = (OBJECT_COUNTS * usual + overlooked) / (OBJECT_COUNTS + looks)
         # Three stories of an object: still there, moved since, never there (or gone unnoticed before).
         still, gone, never = before * (1 - rate), before * rate, 1 - before
         by_chance = np.minimum(1.0, stranger * math.pi * gate_m**2)
@@ -121,13 +129,13 @@ def judge(
         moved = np.where(seen.expected, b / total, 0.0)
         there = np.where(seen.expected, a / total, before)
         present = stayed.sum() + MISS_COUNTS
-        miss = float((stayed[missing].sum() + MISS_COUNTS * config.miss_rate) / present)
+        usual = float((stayed[missing].sum() + MISS_COUNTS * config.miss_rate) / present)
         changes = {
             name: ClassChange(float(stayed[of_class == i].sum()), float(moved[of_class == i].sum()))
             for i, name in enumerate(names)
         }
     moved_to = np.where(missing & (moved > 0.5), candidate, -1)
-    return Verdict(there, seen.expected, moved_to, changes, miss)
+    return Verdict(there, seen.expected, moved_to, changes, usual)
 
 
 def _candidates(seen: Observation, missing: Bools, config: MergeConfig) -> tuple[Ints, Floats]:

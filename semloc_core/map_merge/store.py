@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Protocol
+
+import numpy as np
 
 from semloc_core.errors import MapError
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.map_database import MapDatabase
 from semloc_core.map_database.history import ClassChange, History
+from semloc_core.map_database.weights import class_weights, object_weights
 from semloc_core.map_merge.align import Alignment
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.merge import Merged, Side, lay, merge
-from semloc_core.map_merge.weights import object_weights
 from semloc_core.model import Model, embed_graph
 from semloc_core.scene_graph import SceneGraph
 
@@ -81,14 +83,14 @@ def propose(
     names = map_.buildings if building is None else (building,)
     if not names:
         raise MapError("expected a map with a building to merge into (got an empty one)")
-    seen = side(model, traversal)
+    seen = side(model, traversal, map_weights(map_, model))
     name = names[0] if len(names) == 1 else _best(map_, model, seen, names, config)
     mapped, history, others = stored_side(map_, model, name), map_.history(name), other_changes(map_, name)
     return name, merge(mapped, history, seen, others=others, config=config, source=source, name=name)
 
 
 def write(database: MapDatabase, model: Model, name: str, graph: SceneGraph, history: History) -> None:
-    """Store a building as it is now, its places embedded anew: a change reaches all that are near.
+    """Store a building as it is now, and embed the map anew: what a class weighs, it weighs in all buildings.
 
     Args:
         database: the map, open for changes.
@@ -98,21 +100,44 @@ def write(database: MapDatabase, model: Model, name: str, graph: SceneGraph, his
         history: its history.
 
     """
-    weights = object_weights(graph, model.labelspace, history, other_changes(database, name))
-    arrays = GraphArrays.from_scene_graph(graph, model.labelspace)
-    database.revise_building(name, graph, arrays.place_positions, embed_graph(model, arrays, weights), history)
+    with database.transaction():
+        arrays = GraphArrays.from_scene_graph(graph, model.labelspace)
+        before = map_weights(database, model)
+        nothing = np.zeros((arrays.n_places, model.encoder.dimension), dtype=np.float32)
+        database.revise_building(name, graph, arrays.place_positions, nothing, history)
+        changed = map_weights(database, model) != before
+        embed_again(database, model, database.buildings if changed else [name])
 
 
-def side(model: Model, graph: SceneGraph) -> Side:
-    """A scene graph with its places embedded, every object of weight 1."""
+def embed_again(database: MapDatabase, model: Model, names: Sequence[str]) -> None:
+    """Embed buildings of a map with what their objects weigh by now: for whoever changes histories or adds any."""
+    of_class = map_weights(database, model)
+    for name in names:
+        graph = database.graph(name)
+        weights = object_weights(graph, model.labelspace, database.history(name), of_class)
+        arrays = GraphArrays.from_scene_graph(graph, model.labelspace)
+        kept = np.isin(arrays.place_ids, database.place_ids(name))  # a map may leave places of a graph out
+        ids = [place for place, stays in zip(arrays.place_ids, kept.tolist(), strict=True) if stays]
+        z = embed_graph(model, arrays, weights)
+        database.replace_places(name, ids, arrays.place_positions[kept], z[kept])
+
+
+def map_weights(map_: Buildings, model: Model) -> dict[str, float]:
+    """What each class weighs in a map."""
+    return class_weights([map_.history(name).classes for name in map_.buildings], model.labelspace)
+
+
+def side(model: Model, graph: SceneGraph, of_class: Mapping[str, float]) -> Side:
+    """A traversal with its places embedded, its objects weighed by class only."""
     arrays = GraphArrays.from_scene_graph(graph, model.labelspace)
-    return Side.of(graph, model.labelspace, embed_graph(model, arrays))
+    weights = object_weights(graph, model.labelspace, History(), of_class)
+    return Side.of(graph, model.labelspace, embed_graph(model, arrays, weights))
 
 
 def stored_side(map_: Buildings, model: Model, name: str) -> Side:
     """A building of a map, embedded with its objects' weights."""
     graph = map_.graph(name)
-    weights = object_weights(graph, model.labelspace, map_.history(name), other_changes(map_, name))
+    weights = object_weights(graph, model.labelspace, map_.history(name), map_weights(map_, model))
     arrays = GraphArrays.from_scene_graph(graph, model.labelspace)
     return Side.of(graph, model.labelspace, embed_graph(model, arrays, weights))
 
