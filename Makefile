@@ -8,7 +8,7 @@ PIP := $(PY) -m pip --disable-pip-version-check --quiet install --constraint con
 OUT ?= out
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types unit assets bench ros clean
+.PHONY: help demo test lint types unit assets bench fuzz soak licences ros clean
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 12
@@ -45,6 +45,32 @@ types: $(VENV)/.test
 
 unit: $(VENV)/.test
 	$(PY) -m pytest -n 2 --dist worksteal -r s
+
+# -- long ones: speed, and trust --------------------------------------------------------------------------------
+
+$(VENV)/.bench: $(VENV)/.test
+	$(PIP) --editable '.[tools,hydra,test,search]'
+	@touch $@
+
+bench: $(VENV)/.bench ## speed beside the peers: one table, and figures in out/bench
+	@mkdir -p $(OUT)/bench
+	OMP_NUM_THREADS=1 $(PY) -m semloc_core bench --json $(OUT)/bench/bench.json
+	OMP_NUM_THREADS=1 $(PY) -m semloc_core bench growth --json $(OUT)/bench/growth.json --plot $(OUT)/bench/growth.png
+
+FUZZ_SECONDS ?= 300
+FUZZ_UPDATES ?= 1000000
+fuzz: $(VENV)/.test ## damaged files and messages: FUZZ_SECONDS each, a million updates through one localiser
+	OMP_NUM_THREADS=1 $(PY) tests/fuzz/fuzz_run.py wire hydra bag map map_graph checkpoint labelspace \
+		localiser_filtered --seconds $(FUZZ_SECONDS) --seed $${FUZZ_SEED:-0}
+	OMP_NUM_THREADS=1 $(PY) tests/fuzz/fuzz_run.py localiser --count $(FUZZ_UPDATES) --seed $${FUZZ_SEED:-0}
+
+SOAK ?= 300
+soak: $(VENV)/.test ## a million updates, a thousand reloads, SOAK kills and SOAK random sequences of updates
+	OMP_NUM_THREADS=1 $(PY) tests/soak/soak_run.py
+	SEMLOC_SOAK=$(SOAK) $(PY) -m pytest tests/soak tests/stateful tests/map_database/test_map_killed.py
+
+licences: $(VENV)/.test ## docs/licences.md: what we depend on, in which version, under which licence
+	$(PY) tools/licences.py constraints.txt > docs/licences.md
 
 # -- ROS 2 -----------------------------------------------------------------------------------------------------
 

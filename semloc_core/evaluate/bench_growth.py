@@ -68,7 +68,8 @@ def bench_growth(case: BenchCase, repeats: int = 20, progress: Progress = no_pro
     for scope, sizes in SIZES.items():
         for size in sizes:
             progress(len(rows), sum(map(len, SIZES.values())), f"{scope}: {size}")
-            rows.append({"method": "semloc", "scope": scope, "size": size} | _one(case, scope, size, repeats))
+            row: Row = {"method": "semloc", "scope": scope, "size": size}
+            rows.append(row | _one(case, scope, size, repeats))
     return rows
 
 
@@ -112,7 +113,7 @@ def _one(case: BenchCase, scope: str, size: int, repeats: int) -> Row:
 
 
 def _allotted(work: Callable[[], object]) -> float:
-    """MiB that Python and numpy hold more when the work is done and its result still there (torch's own are not seen)."""
+    """MiB more that Python and numpy hold when the work is done and its result still there; torch's are not seen."""
     tracemalloc.start()
     try:
         before = tracemalloc.get_traced_memory()[0]

@@ -19,7 +19,7 @@ from map_cases import Building, make_building, make_map, make_model
 from semloc_core.map_database import LoadedMap, MapDatabase, load
 from semloc_core.model import Model
 
-ROUNDS = 40
+ROUNDS = int(os.environ.get("SEMLOC_SOAK", "0")) or 40  # set by `make soak`
 PLACES = 150
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL and fork")
