@@ -32,6 +32,7 @@ NEAR_PLACE_M = 2.0
 """An object within this distance of a place lies where the building has places."""
 KEPT = 20
 STEPS = 8
+MOST_PAIRS = 1_000_000
 _AT_ONCE = 256
 
 
@@ -163,7 +164,8 @@ def _putative(mapped: Scene, seen: Scene, similarity: NDArray[np.float32], n: in
 def _hypotheses(mapped: Scene, seen: Scene, ours: Ints, theirs: Ints, config: MergeConfig) -> tuple[Floats, Floats]:
     """(H,) yaws and (H, 3) shifts from pairs of matches that agree in their distance."""
     a, b = mapped.objects[ours], seen.objects[theirs]
-    first, second = np.triu_indices(len(ours), 1)
+    rng = np.random.default_rng(config.seed)
+    first, second = _pairs(len(ours), rng)
     in_map, in_run = a[second] - a[first], b[second] - b[first]
     long, there = np.hypot(in_map[:, 0], in_map[:, 1]), np.hypot(in_run[:, 0], in_run[:, 1])
     agree = (
@@ -178,7 +180,6 @@ def _hypotheses(mapped: Scene, seen: Scene, ours: Ints, theirs: Ints, config: Me
         # Long pairs fix the yaw better and rare classes are seldom wrong.
         weight = _surprise(mapped, seen)[theirs]
         chance = weight[first[rows]] * weight[second[rows]] * np.sqrt(there[rows])
-        rng = np.random.default_rng(config.seed)
         rows = np.sort(rng.choice(rows, config.hypotheses, replace=False, p=chance / chance.sum()))
     p, q = in_run[rows], in_map[rows]
     yaw = np.arctan2(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0], p[:, 0] * q[:, 0] + p[:, 1] * q[:, 1])
@@ -186,6 +187,15 @@ def _hypotheses(mapped: Scene, seen: Scene, ours: Ints, theirs: Ints, config: Me
     c, s = np.cos(yaw), np.sin(yaw)
     turned = np.stack([c * middle[:, 0] - s * middle[:, 1], s * middle[:, 0] + c * middle[:, 1], middle[:, 2]], axis=1)
     return yaw, (a[first[rows]] + a[second[rows]]) / 2 - turned
+
+
+def _pairs(n: int, rng: np.random.Generator) -> tuple[Ints, Ints]:
+    """All pairs of n things; of very many as many as can be looked at, drawn at random."""
+    if n * (n - 1) // 2 <= MOST_PAIRS:
+        first, second = np.triu_indices(n, 1)
+        return first.astype(np.int64), second.astype(np.int64)
+    drawn = rng.integers(n, size=(2, MOST_PAIRS))
+    return drawn.min(axis=0), drawn.max(axis=0)
 
 
 def _surprise(mapped: Scene, seen: Scene) -> Floats:
