@@ -8,7 +8,7 @@ PIP := $(PY) -m pip --disable-pip-version-check --quiet install --constraint con
 OUT ?= out
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types unit assets bench fuzz soak licences ros clean
+.PHONY: help demo test lint types unit assets bench fuzz soak licences audit ros clean
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 12
@@ -71,6 +71,9 @@ soak: $(VENV)/.test ## a million updates, a thousand reloads, SOAK kills and SOA
 
 licences: $(VENV)/.test ## docs/licences.md: what we depend on, in which version, under which licence
 	$(PY) tools/licences.py constraints.txt > docs/licences.md
+
+audit: $(VENV)/.test ## known vulnerabilities of the pinned versions, where they can be looked up
+	sh tools/audit.sh $(PY)
 
 # -- ROS 2 -----------------------------------------------------------------------------------------------------
 
