@@ -75,6 +75,7 @@ class Case:
 
     query: SimilarityQuery
     batch: Batch
+    encoder: PaperEncoder
     peer: Peer
 
 
@@ -103,7 +104,7 @@ def make_case(seed: int = 0) -> Case:
     batch = PlaceBatches(arrays, CLASSES, encoder.extraction).of(middle)
     names = [space.classes[c] for c in batch.features.argmax(1).tolist()]
     target = F.normalize(torch.randn(encoder.dimension, generator=torch.Generator().manual_seed(seed + 1)), dim=0)
-    return Case(SimilarityQuery.from_encoder(encoder, batch, target, names), batch, Peer(encoder, target))
+    return Case(SimilarityQuery.from_encoder(encoder, batch, target, names), batch, encoder, Peer(encoder, target))
 
 
 def bench_explain(

@@ -113,7 +113,7 @@ class PaperCopies:
             at_rows = (at_rows.view(-1, width) @ layer.message).view(len(rows), -1, width)
             own = rows < len(g)
             at_rows[own] += (g[rows[own]].view(-1, width) @ layer.root).view(-1, *g.shape[1:])
-            at_rows *= torch.where(first.state > 0, 1.0, first.state + 1.0)[first.kind[rows]]  # ELU's derivative
+            at_rows *= (first.state.clamp(max=0.0) + 1.0)[first.kind[rows]]  # ELU's derivative
             return value, (at_rows.view(-1, width) @ self._project.weight).view(len(rows), len(z), -1).transpose(0, 1)
 
     def _forward(

@@ -45,10 +45,14 @@ class PaperRemovals:
         with torch.no_grad():
             return torch.cat([part for some in torch.split(keep, VARIANTS_AT_ONCE) for part in self._some(some)])
 
+    def table(self, keep: Tensor) -> StateTable | None:
+        """First states that variants (K, N) need; None where they can't be told apart by one number."""
+        return self._first.table(keep)
+
     def _some(self, keep: Tensor) -> list[Tensor]:
         near = len(self._layers[min(1, len(self._layers) - 1)].adjacency)
         at_once = max(1, ROWS_AT_ONCE // near)
-        table = self._first.table(keep)
+        table = self.table(keep)
         if table is None:
             return [self._copies.embed(None, few) for few in torch.split(keep, at_once)]
         return self._by_table(table, keep, at_once)

@@ -33,6 +33,9 @@ class RootAttention:
     def __init__(self, gat: GATv2, source: Tensor) -> None:
         self.gat = gat
         self.rows = torch.cat([source, source.new_zeros(1)]) if gat.self_loops else source
+        # Most often every near node sends to the root once: then nothing needs to be gathered, a softmax has no order.
+        self._all = len(self.rows)
+        self._gathers = not torch.equal(self.rows.sort().values, torch.arange(len(self.rows)))
         # a matrix in place of a sum over each head: (heads · H, heads)
         spread = torch.eye(gat.heads)[:, None, :] * gat.attention.detach()[:, :, None]
         self.attention = spread.flatten(0, 1)
@@ -40,11 +43,13 @@ class RootAttention:
     def forward(self, x: Tensor, keep: Tensor | None) -> Attended:
         """(n, K, H) states and (K, N) bool, what is kept -> the root's new state, and how it came about."""
         heads, k, width = self.gat.heads, x.shape[1], x.shape[2]
-        sent = self.gat.source(x[self.rows].reshape(-1, width)).view(-1, k, heads * self.gat.outputs)
+        senders = x[self.rows] if self._gathers else x[: self._all]
+        mask = None if keep is None else keep.t()[self.rows if self._gathers else slice(self._all)]
+        sent = self.gat.source(senders.reshape(-1, width)).view(-1, k, heads * self.gat.outputs)
         pair = sent + self.gat.target(x[0])
         logits = (F.leaky_relu(pair, NEGATIVE_SLOPE).view(-1, pair.shape[2]) @ self.attention).view(-1, k, heads)
-        if keep is not None:
-            logits.masked_fill_(~keep.t()[self.rows][:, :, None], -torch.inf)
+        if mask is not None:
+            logits.masked_fill_(~mask[:, :, None], -torch.inf)
         if not len(self.rows):
             return Attended(sent, pair, logits, self.gat.bias.expand(k, -1))
         weight = torch.exp(logits - logits.amax(0).clamp_min(torch.finfo(x.dtype).min))
@@ -58,10 +63,14 @@ class RootAttention:
         g_alpha = (of.sent.view(-1, *by_head.shape) * by_head).sum(3)
         g_logits = of.alpha * (g_alpha - (of.alpha * g_alpha).sum(0))
         g_pair = (g_logits.flatten(0, 1) @ self.attention.t()).view_as(of.pair)
-        g_pair *= torch.where(of.pair > 0, 1.0, NEGATIVE_SLOPE)
+        g_pair = torch.ops.aten.leaky_relu_backward(g_pair, of.pair, NEGATIVE_SLOPE, False)
         g_asked = g_pair.sum(0)
         g_sent = g_pair.add_((of.alpha[..., None] * by_head).flatten(2))
         back = (g_sent.view(-1, g_sent.shape[2]) @ self.gat.source.weight).view(-1, *shape[1:])
-        found: Tensor = back.new_zeros(shape).index_add_(0, self.rows, back)
+        if self._gathers or self._all < shape[0]:
+            rows = self.rows if self._gathers else torch.arange(self._all)
+            found = back.new_zeros(shape).index_add_(0, rows, back)
+        else:
+            found = back
         found[0] += g_asked @ self.gat.target.weight
         return found

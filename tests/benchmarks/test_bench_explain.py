@@ -1,6 +1,11 @@
-"""The benchmark of explainers: all contenders run, agree on what they explain, and semloc is the faster by far."""
+"""The benchmark of explainers: all contenders run and agree on what they explain."""
+
+import torch
 
 from semloc_core.evaluate.bench_explain import bench_explain, make_case
+from semloc_core.explain.coalitions import all_coalitions
+from semloc_core.explain.paper_copies import PaperCopies
+from semloc_core.explain.paper_removals import PaperRemovals
 
 
 def test_the_case_is_the_one_described():
@@ -8,10 +13,25 @@ def test_the_case_is_the_one_described():
     assert (case.batch.n_nodes, case.query.n_objects, len(case.query.class_players[0])) == (60, 30, 6)
 
 
-def test_semloc_is_faster_than_its_peers():
-    """Far below what is measured on a quiet machine: a busy one must not fail it, a lost fast path must."""
-    rows = {(row["scope"], row["method"]): row for row in bench_explain(2, slow=False)}
+def test_all_contenders_agree_and_have_their_row():
+    """Whoever is the faster is for the benchmark to say, not for a test; but all must have explained the same."""
+    rows = {(row["scope"], row["method"]): row for row in bench_explain(1, slow=False)}
     gradients, shapley = sorted({scope for scope, _ in rows}, reverse=True)
-    assert rows[gradients, "pyg"]["ratio"] > 15
-    assert rows[shapley, "captum, 25 samples"]["ratio"] > 15
-    assert all(row["cpu_ms"] > 0 and row["p50_ms"] <= row["p99_ms"] for row in rows.values())
+    assert {method for scope, method in rows if scope == gradients} == {"semloc", "pyg"}
+    assert {method for scope, method in rows if scope == shapley} == {"semloc, exact", "captum, 25 samples"}
+    for row in rows.values():
+        ours = next(r for (scope, method), r in rows.items() if scope == row["scope"] and method.startswith("semloc"))
+        assert row["ratio"] == row["cpu_ms"] / ours["cpu_ms"] > 0
+        assert 0 < row["p50_ms"] <= row["p99_ms"]
+
+
+def test_the_fast_paths_are_taken():
+    """A lost fast path would cost most of what the benchmark shows."""
+    case = make_case()
+    assert PaperCopies.fits(case.encoder, case.batch)
+    classes = torch.from_numpy(all_coalitions(6)[:, case.query.class_players[1]])
+    keep = torch.ones(64, case.batch.n_nodes, dtype=torch.bool)
+    keep[:, case.query.rows] = classes
+    table = PaperRemovals(case.encoder, case.batch, PaperCopies(case.encoder, case.batch)).table(keep)
+    assert table is not None
+    assert len(table.own) < 64 * case.batch.n_nodes / 2
