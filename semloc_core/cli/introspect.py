@@ -38,6 +38,7 @@ def introspect(
     places: Annotated[
         int | None, typer.Option("--places", min=1, help="Explain so many places, drawn at random; default: all.")
     ] = None,
+    encoder: Annotated[str, typer.Option(help="paper, or geodesic_attention.")] = "paper",
     steps: Annotated[int | None, typer.Option("--steps", min=1, help="Training steps; default as in training.")] = None,
     traversals: Annotated[
         bool,
@@ -52,16 +53,16 @@ def introspect(
     from semloc_core.evaluate.introspect_rows import ranking_rows
     from semloc_core.evaluate.introspect_sanity import mean_rows
     from semloc_core.evaluate.mobility_study import MOVED_M
-    from semloc_core.evaluate.table import document, print_table
+    from semloc_core.evaluate.table import cell, document, print_table
     from semloc_core.explain.explainers import EXPLAINERS, check_methods
     from semloc_core.explain.fidelity import BUDGET
     from semloc_core.graph_arrays import GraphArrays
     from semloc_core.labelspace import count_unknown
-    from semloc_core.training.config import TrainConfig
+    from semloc_core.training.config import train_config
 
     chosen = list(EXPLAINERS) if methods is None else [name.strip() for name in methods.split(",")]
     check_methods(chosen)
-    config = TrainConfig() if steps is None else TrainConfig(steps=steps)
+    config = train_config(encoder, **({"steps": steps} if steps is not None else {}))
     given = pick_labelspace(labelspace)
     read = read_graph(graph, given)
     space = given or read.labelspace
@@ -92,14 +93,12 @@ def introspect(
         mean_rows(found.sanity), title="sanity: rank correlation with the model as it is, the zero baseline",
         console=console,
     )  # fmt: skip
-    deciding = [row for row in found.hypotheses if row["decides"]]
-    print_table(
-        [{k: v for k, v in row.items() if k not in ("null", "decides")} for row in deciding],
-        title="hypotheses",
-        console=console,
-    )
     for number, said in overall(found.hypotheses).items():
         console.print(f"hypothesis {number}: {said}")
+        for row in found.hypotheses:
+            if row["decides"] and row["hypothesis"] == number:
+                console.print(f"  {row['claim']}, by {row['method']}, for {row['scope']}:")
+                console.print(f"    {cell(row, 'figure')}, {row['null']:g} if it were not so: {row['verdict']}")
     if json_file is not None:
         write_whole(json_file, document("introspect", seed, [str(graph)], [*table, *found.rows]))
     if output is not None or keep_file is not None:

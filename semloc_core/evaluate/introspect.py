@@ -26,7 +26,7 @@ from semloc_core.evaluate.rows import Progress, Row, no_progress
 from semloc_core.explain.explainers import EXPLAINERS
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.labelspace import Labelspace
-from semloc_core.training.config import PerturbConfig, TrainConfig
+from semloc_core.training.config import PerturbConfig, TrainConfig, train_config
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ def introspect(
         arrays: the graph.
         labelspace: its classes.
         seeds: the runs.
-        config: options of the training; the seed is overridden.
+        config: options of the training, the encoder among them; None: the paper's encoder. The seed is overridden.
         perturbation: what makes the two variants; None: the paper's.
         methods: explainers.
         n_places: how many places are explained, drawn at random by the seed; None: all.
@@ -113,7 +113,7 @@ def introspect(
     """
     from semloc_core.training.loop import Report, train
 
-    config = config or TrainConfig()
+    config = config or train_config("paper")
     runs: list[Run] = []
     sanity: list[Row] = []
     for number, seed in enumerate(seeds, start=1):

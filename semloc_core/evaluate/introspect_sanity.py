@@ -181,26 +181,26 @@ def _scores(
 
 def _shuffled(model: Model, cascading: bool, rng: np.random.Generator) -> Iterator[tuple[str, Model]]:
     """The model with one more layer's weights permuted each time, from the output on; or with that layer's only."""
-    layers = [name for name, _ in _layers(model.encoder)]
+    layers = _layers(model.encoder)
     encoder = copy.deepcopy(model.encoder)
-    for name in reversed(layers):
+    for layer in reversed(layers):
         if not cascading:
             encoder = copy.deepcopy(model.encoder)
         with torch.no_grad():
-            for parameter in encoder.get_submodule(name).parameters():
+            for name in layers[layer]:
+                parameter = encoder.get_parameter(name)
                 order = torch.from_numpy(rng.permutation(parameter.numel()))
                 parameter.copy_(parameter.flatten()[order].view_as(parameter))
-        yield name, Model(encoder, model.labelspace, model.seed, model.temperature)
+        yield layer, Model(encoder, model.labelspace, model.seed, model.temperature)
 
 
-def _layers(encoder: nn.Module) -> list[tuple[str, nn.Module]]:
-    """Parts that have weights, in order; of a list of layers each for itself."""
-    found: list[tuple[str, nn.Module]] = []
-    for name, child in encoder.named_children():
-        if isinstance(child, nn.ModuleList):
-            found += [(f"{name}.{i}", layer) for i, layer in enumerate(child)]
-        elif any(True for _ in child.parameters()):
-            found.append((name, child))
+def _layers(encoder: nn.Module) -> dict[str, list[str]]:
+    """Parts that have weights, in order -> names of their weights; of a list of layers each for itself."""
+    found: dict[str, list[str]] = {}
+    for name, _ in encoder.named_parameters():
+        parts = name.split(".")
+        listed = isinstance(getattr(encoder, parts[0]), nn.ModuleList)
+        found.setdefault(".".join(parts[: 2 if listed else 1]), []).append(name)
     return found
 
 

@@ -22,7 +22,7 @@ from semloc_core.evaluate.rows import Progress, no_progress
 from semloc_core.explain.explainers import EXPLAINERS
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.labelspace import Labelspace
-from semloc_core.training.config import TrainConfig
+from semloc_core.training.config import TrainConfig, train_config
 
 Floats = NDArray[np.float64]
 MOVED_M = 2.0
@@ -65,7 +65,7 @@ def mobility_study(
         labelspace: its classes. Where it knows some to be more mobile than others, they are the group; else every
             second class by frequency is.
         seeds: the runs.
-        config: options of the training; the seed is overridden.
+        config: options of the training, the encoder among them; None: the paper's encoder. The seed is overridden.
         methods: explainers.
         moved_m: how far objects move that do, standard deviation of x and of y.
         n_places: how many places are explained.
@@ -74,7 +74,7 @@ def mobility_study(
     """
     from semloc_core.training.loop import Report, train
 
-    config = config or TrainConfig()
+    config = config or train_config("paper")
     group, rest = groups(class_frequencies(arrays, labelspace), labelspace)
     found = []
     for number, seed in enumerate(seeds, start=1):
