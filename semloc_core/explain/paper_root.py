@@ -62,14 +62,14 @@ class RootAttention:
         by_head = g.view(-1, self.gat.heads, self.gat.outputs)  # (K, heads, H)
         g_alpha = (of.sent.view(-1, *by_head.shape) * by_head).sum(3)
         g_logits = of.alpha * (g_alpha - (of.alpha * g_alpha).sum(0))
-        g_pair = (g_logits.flatten(0, 1) @ self.attention.t()).view_as(of.pair)
+        g_pair: Tensor = (g_logits.flatten(0, 1) @ self.attention.t()).view_as(of.pair)
         g_pair = torch.ops.aten.leaky_relu_backward(g_pair, of.pair, NEGATIVE_SLOPE, False)
         g_asked = g_pair.sum(0)
         g_sent = g_pair.add_((of.alpha[..., None] * by_head).flatten(2))
         back = (g_sent.view(-1, g_sent.shape[2]) @ self.gat.source.weight).view(-1, *shape[1:])
         if self._gathers or self._all < shape[0]:
             rows = self.rows if self._gathers else torch.arange(self._all)
-            found = back.new_zeros(shape).index_add_(0, rows, back)
+            found: Tensor = back.new_zeros(shape).index_add_(0, rows, back)
         else:
             found = back
         found[0] += g_asked @ self.gat.target.weight
