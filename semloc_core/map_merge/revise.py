@@ -129,8 +129,11 @@ class _Draft:
             self._join(self._new[a], ids[b])
 
     def _name(self, key: str) -> str:
-        """An id of the map's own for a node of the traversal."""
-        return f"{key}@{self._number}"
+        """An id of the map's own for a node of the traversal: it may well be another node's in the map."""
+        name = f"{key}@{self._number}"
+        while name in self._places or name in self._objects:
+            name += "'"
+        return name
 
     def _join(self, a: str, b: str) -> None:
         if a != b:
