@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Ints = NDArray[np.int64]
-_REMEMBERED = 2**14
+_REMEMBERED = 2**14  # answers, and blocks of nine cells
 
 
 class RadiusIndex:
@@ -27,6 +27,7 @@ class RadiusIndex:
         self._radius = radius_m
         # A robot asks for the same places again and again; the map does not change.
         self._known: dict[int, Ints] = {}
+        self._blocks: dict[tuple[int, int, int], tuple[Ints, NDArray[np.float64]]] = {}
 
     @cached_property
     def _cells(self) -> tuple[dict[tuple[int, int, int], tuple[int, int]], Ints, Ints]:
@@ -53,9 +54,21 @@ class RadiusIndex:
         return found
 
     def _within(self, row: int) -> Ints:
-        cells, order, keys = self._cells
-        b, x, y = (int(v) for v in keys[row])
-        runs = [cells.get((b, x + dx, y + dy)) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
-        near = np.concatenate([order[r[0] : r[1]] for r in runs if r is not None])
-        offset = self._positions[near] - self._positions[row]
-        return np.sort(near[np.einsum("ij,ij->i", offset, offset) <= self._radius**2])
+        _, _, keys = self._cells
+        b, x, y = keys[row].tolist()
+        near, positions = self._around((b, x, y))
+        offset = positions - self._positions[row]
+        return near[np.einsum("ij,ij->i", offset, offset) <= self._radius**2]
+
+    def _around(self, cell: tuple[int, int, int]) -> tuple[Ints, NDArray[np.float64]]:
+        """Rows of a cell and the eight around it, in rising order, and their positions (m)."""
+        found = self._blocks.get(cell)
+        if found is None:
+            cells, order, _ = self._cells
+            b, x, y = cell
+            runs = [cells.get((b, x + dx, y + dy)) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
+            near = np.sort(np.concatenate([order[r[0] : r[1]] for r in runs if r is not None]))
+            if len(self._blocks) >= _REMEMBERED:
+                self._blocks.clear()
+            found = self._blocks[cell] = (near, self._positions[near])
+        return found
