@@ -103,6 +103,17 @@ class Labelspace:
                 raise LabelspaceError(f"expected {other!r} to mean {known!r} still (got {name!r})")
         return replace(self, synonyms={**self.synonyms, **synonyms})
 
+    def with_ids_of(self, other: Labelspace) -> Labelspace:
+        """The same classes, for files whose integer labels mean what another labelspace says; same hash.
+
+        An id of a class that this labelspace lacks means nothing here, whatever it meant before.
+        """
+        ids: dict[str, tuple[int, ...]] = {}
+        for name, numbers in other.ids.items():
+            if (index := self.index(name)) >= 0:
+                ids[self.classes[index]] = (*ids.get(self.classes[index], ()), *numbers)
+        return replace(self, ids=ids)
+
 
 def _problem(space: Labelspace) -> str | None:
     for name, times in Counter(space.classes).items():

@@ -205,5 +205,15 @@ def weighted(batch: Batch, weights: Mapping[str, float] | None) -> Batch:
     return batch.with_features(batch.features * torch.where(batch.is_object, of_node, 1.0)[:, None])
 
 
+def embed_places(model: Model, arrays: GraphArrays, roots: NDArray[np.int64]) -> NDArray[np.float32]:
+    """Embeddings of some places of a building, ``roots`` (B,) by index: (B, D) float32."""
+    extraction = model.encoder.extraction
+    if extraction.kind == "ego":
+        return embed_graph(model, arrays)[roots]
+    n_classes = model.encoder.n_classes
+    batch = place_graph.reach_all_batch(arrays, n_classes, extraction.radius_m, roots, extraction.bands)
+    return embed_batch(model, batch)
+
+
 def _numpy_dtype(tensor: torch.Tensor) -> np.dtype[Any]:
     return np.dtype(str(tensor.dtype).removeprefix("torch."))

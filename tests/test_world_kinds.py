@@ -1,4 +1,4 @@
-"""Kinds of buildings: what general encoders are trained on must be varied, in the labelspace, and the same each time."""
+"""Kinds of buildings: what general encoders learn from must be varied, in the labelspace, and the same each time."""
 
 import msgspec
 import numpy as np
@@ -6,7 +6,7 @@ import pytest
 
 from semloc_core.errors import ConfigError
 from semloc_core.labelspace import load_labelspace
-from semloc_core.world import KINDS, Furniture, RoomKind, SecondRun, draw_pair
+from semloc_core.world import KINDS, Furniture, RoomKind, SecondRun, draw_pair, kinds
 from semloc_core.world.floor_plan import corridor_plan
 from semloc_core.world.furniture import furnish
 from semloc_core.world.kinds import BuildingKind, Rooms, Thing, draw_config
@@ -21,8 +21,8 @@ def test_a_building_of_every_kind_is_mapped_and_seen_again_elsewhere(name) -> No
     for world in (mapped, seen):
         assert len(world.graph.places) > 30
         assert all(space.index(thing.class_) >= 0 for thing in world.graph.objects.values())
-    places = {place for place in mapped.graph.places.values()}
-    assert not places & {place for place in seen.graph.places.values()}, "a second run has places of its own"
+    places = set(mapped.graph.places.values())
+    assert not places & set(seen.graph.places.values()), "a second run has places of its own"
     again, _ = draw_pair(kind, np.random.default_rng([3, 1]))
     assert again.graph.places == mapped.graph.places
     assert again.graph.objects == mapped.graph.objects
@@ -47,7 +47,8 @@ def test_a_detector_misses_moves_and_invents_as_told() -> None:
     assert 25 <= len(seen) - len(true) <= 65
 
 
-def test_a_kind_that_can_not_be_furnished_is_refused() -> None:
+def test_a_kind_that_can_not_be_furnished_is_refused(monkeypatch) -> None:
+    monkeypatch.setattr(kinds, "ATTEMPTS", 2)
     kind = BuildingKind(
         labelspace="coco",
         rooms=(Rooms(RoomKind("cell", 0, (2.0, 2.1)), (1, 1)),),

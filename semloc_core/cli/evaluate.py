@@ -132,3 +132,28 @@ def online(
             progress=bar,
         )
     show("evaluate online", seed, [root], rows, json_file, title=str(root))
+
+
+@app.command("candidates")
+def candidates(
+    root: Annotated[Path, typer.Argument(metavar="ROOT", help="Folder of buildings: ROOT/*/map.json and query.json.")],
+    model: Annotated[
+        list[str] | None,
+        typer.Option("--model", metavar="MODEL|NAME", help="Evaluate this trained model, or shipped general encoder."),
+    ] = None,
+    baselines: Annotated[
+        str, typer.Option("--baselines", metavar="NAME,…", help="Encoders with nothing to train, by comma.")
+    ] = "bag_of_words,rings",
+    walks: Annotated[int, typer.Option(min=1, help="Walks in each building for each length.")] = 10,
+    seed: Seed = 0,
+    json_file: Json = None,
+) -> None:
+    """How often the right place is among the first 1, 10, 100, 300: whole query graphs, and 0, 5, 10 m walked."""
+    from semloc_core.evaluate.candidates import evaluate_candidates
+    from semloc_core.general import load_model
+
+    chosen = [name.strip() for name in baselines.split(",") if name.strip()]
+    models = [(Path(name).stem, load_model(name)) for name in model or []]
+    with progress("evaluating") as bar:
+        rows = evaluate_candidates(root, models=models, baselines=chosen, walks=walks, seed=seed, progress=bar)
+    show("evaluate candidates", seed, [root], rows, json_file, title=str(root))

@@ -10,7 +10,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from semloc_core.cli import map_changes
-from semloc_core.cli.common import Json, SynonymsOption, console, join_synonyms, progress, show
+from semloc_core.cli.choose_model import choose_model
+from semloc_core.cli.common import (
+    Json,
+    LabelspaceOption,
+    SynonymsOption,
+    console,
+    join_synonyms,
+    pick_labelspace,
+    progress,
+    show,
+)
 from semloc_core.cli.map_changes import Inputs, MapFile, Name, names_of, put
 from semloc_core.errors import MapError
 
@@ -45,18 +55,25 @@ def _fresh(output: Path, model: Model) -> Iterator[MapDatabase]:
 @app.command("build")
 def build(
     inputs: Inputs,
-    model: Annotated[Path, typer.Option("--model", metavar="MODEL", help="The trained encoder.")],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="MAP", help="Where to write the map.")],
+    model: Annotated[
+        str | None,
+        typer.Option(
+            "--model",
+            metavar="MODEL|NAME",
+            help="The trained encoder, or a shipped general one (coco, uhumans2_office); none given: the general one "
+            "that knows the most of the objects.",
+        ),
+    ] = None,
+    labelspace: LabelspaceOption = None,
     name: Name = None,
     synonyms: SynonymsOption = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
     """Build a map database: every place of every building, embedded; the file carries the model too."""
-    from semloc_core.model import Model
-
     if output.exists() and not force:
         raise MapError(f"expected a new file, or --force to replace one (got {output}, which exists)")
-    names, loaded, places = names_of(inputs, name), Model.load(model), 0
+    names, loaded, places = names_of(inputs, name), choose_model(model, inputs, pick_labelspace(labelspace)), 0
     join_synonyms(loaded, synonyms)
     with _fresh(output, loaded) as database, progress("embedding places") as bar:
         for i, (path, building) in enumerate(zip(inputs, names, strict=True)):

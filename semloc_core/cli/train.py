@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from semloc_core.cli.common import (
+    Json,
     LabelspaceOption,
     Seed,
     building_name,
@@ -17,7 +19,12 @@ from semloc_core.cli.common import (
     progress,
     read_graph,
     report_unknown_classes,
+    show,
 )
+from semloc_core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from semloc_core.evaluate.rows import Row
 
 
 def train(
@@ -25,14 +32,22 @@ def train(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="MODEL", help="Where to write the model.")],
     loss: Annotated[
         Literal["infonce", "triplet", "contrastive", "mil_nce"] | None,
-        typer.Option(help="Training loss; none given: the encoder's own (infonce; geodesic_attention: mil_nce)."),
+        typer.Option(help="Training loss; none given: the encoder's own (mil_nce; paper: infonce)."),
     ] = None,
     encoder: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="paper or geodesic_attention; rings, bag_of_words, tfidf and histogram have no weights to train."
+            help="geodesic_attention (default), or paper; rings, bag_of_words, tfidf and histogram have no weights to "
+            "train."
         ),
-    ] = "paper",
+    ] = None,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MODEL|NAME",
+            help="Go on from this model, or from a shipped general encoder (coco, uhumans2_office), with its classes.",
+        ),
+    ] = None,
     views: Annotated[
         Literal["paper", "detector"] | None,
         typer.Option(
@@ -45,6 +60,14 @@ def train(
     hidden: Annotated[int, typer.Option(min=1, max=1024, help="Hidden dimension (paper).")] = 64,
     heads: Annotated[int, typer.Option(min=0, max=16, help="Attention heads (paper); 0: no attention.")] = 3,
     self_loops: Annotated[bool, typer.Option(help="A place attends to itself too (paper).")] = True,
+    options: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="Any other training option, or encoder.NAME=VALUE for one of the encoder; VALUE as in JSON.",
+        ),
+    ] = None,
     steps: Annotated[int | None, typer.Option(min=1, help="Training steps at most.")] = None,
     max_seconds: Annotated[float | None, typer.Option(min=1.0, help="Stop training after this many seconds.")] = None,
     curve: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw the loss curve.")] = None,
@@ -52,22 +75,32 @@ def train(
         Path | None, typer.Option(metavar="STATE", help="Keep the training state here, and go on from it if it exists.")
     ] = None,
     seed: Seed = 0,
+    json_file: Json = None,
 ) -> None:
     """Train an encoder on one or several buildings' graphs.
 
     Self-supervised: perturbed variants of a graph give pairs of the same place (paper, section IV). Nothing but the
-    graphs is needed; the labelspace is taken from the files unless --labelspace names another.
+    graphs is needed; the labelspace is taken from the files unless --labelspace names another, or --start has one.
+    At the end it says how good the model is, and was at the start, on held-out places of these buildings as a
+    detector would see them on another run: with the whole graph, and after a few metres' walk.
     """
+    import msgspec
+
+    from semloc_core.general import load_model
     from semloc_core.graph_arrays import GraphArrays
     from semloc_core.labelspace import count_unknown, union
-    from semloc_core.training.config import PERTURBATIONS, train_config
+    from semloc_core.training.config import DEFAULT_ENCODER, PERTURBATIONS, train_config
     from semloc_core.training.curve import plot_curve
     from semloc_core.training.loop import Report
     from semloc_core.training.loop import train as run_training
+    from semloc_core.training.own_validation import own_validation
 
+    begun = load_model(start) if start is not None else None
     chosen = pick_labelspace(labelspace)
-    files = [read_graph(path, chosen) for path in graphs]
-    space = chosen or union([f.labelspace for f in files if f.labelspace is not None])
+    if begun is not None and chosen is not None:
+        begun.labelspace = begun.labelspace.with_ids_of(chosen)
+    files = [read_graph(path, chosen or (begun.labelspace if begun is not None else None)) for path in graphs]
+    space = begun.labelspace if begun is not None else chosen or union([file.labelspace for file in files])
     for path, file in zip(graphs, files, strict=True):
         report_unknown_classes(count_unknown(file.graph, space), str(path))
     if chosen is None and space.classes and all(name.startswith("class_") for name in space.classes):
@@ -75,33 +108,66 @@ def train(
     arrays = [
         GraphArrays.from_scene_graph(f.graph, space, building_name(p)) for p, f in zip(graphs, files, strict=True)
     ]
+    name = encoder or (begun.encoder.name if begun is not None else DEFAULT_ENCODER)
+    own = msgspec.to_builtins(begun.encoder.config) if begun is not None else {}
+    if name == "paper" and begun is None:
+        own = {"layers": layers, "hidden": hidden, "heads": max(heads, 1), "gat": heads > 0, "self_loops": self_loops}
+    given = _given(options or [])
     config = train_config(
-        encoder,
-        encoder_options=(
-            {"layers": layers, "hidden": hidden, "heads": max(heads, 1), "gat": heads > 0, "self_loops": self_loops}
-            if encoder == "paper"
-            else {}
-        ),
-        seed=seed,
-        **({"loss": loss} if loss is not None else {}),
-        **({"perturb": PERTURBATIONS[views], "validate": PERTURBATIONS[views]} if views is not None else {}),
-        **({"steps": steps} if steps is not None else {}),
-        **({"max_seconds": max_seconds} if max_seconds is not None else {}),
+        name,
+        **{
+            "encoder_options": own | given.pop("encoder_options"),
+            "seed": seed,
+            **({"loss": loss} if loss is not None else {}),
+            **({"perturb": PERTURBATIONS[views], "validate": PERTURBATIONS[views]} if views is not None else {}),
+            **({"steps": steps} if steps is not None else {}),
+            **({"max_seconds": max_seconds} if max_seconds is not None else {}),
+            **given,
+        },
     )
-    with progress(f"training {encoder}") as bar:
+    with progress(f"training {name}") as bar:
 
         def on_step(report: Report) -> None:
             bar(report.step, report.steps, f"loss {report.train_loss:.3f}, validation PR-AUC {report.val_pr_auc:.3f}")
 
         resumed = resume if resume is not None and resume.exists() else None
-        result = run_training(arrays, space, config, progress=on_step, resume=resumed, checkpoint=resume)
+        result = run_training(arrays, space, config, progress=on_step, resume=resumed, checkpoint=resume, start=begun)
     result.model.save(output)
     if curve is not None:
         if result.history:
             plot_curve(result.history, curve)
         else:
-            note(f"{encoder} has nothing to train, so there is no curve")
-    console.print(f"{output}: {encoder}, {len(space)} classes, hash {result.model.hash[:12]}")
+            note(f"{name} has nothing to train, so there is no curve")
+    console.print(f"{output}: {name}, {len(space)} classes, hash {result.model.hash[:12]}")
     if result.history:
         best = max(row["val_pr_auc"] for row in result.history)
         console.print(f"validation PR-AUC {best:.3f} at step {result.best_step} (stopped: {result.stopped})")
+    judged = {"start": begun} if begun is not None else {}
+    rows = own_validation({**judged, "trained": result.model}, arrays, result.splits, seed)
+    show("train", seed, graphs, rows, json_file, title="own validation: held-out places, as a detector sees them")
+    if begun is not None:
+        _say_gain(rows)
+
+
+def _given(options: list[str]) -> dict[str, Any]:
+    """Options by name, those of the encoder under ``encoder_options``."""
+    given: dict[str, Any] = {"encoder_options": {}}
+    for option in options:
+        name, equals, text = option.partition("=")
+        if not equals or name == "encoder_options":
+            raise ConfigError(f"expected --set NAME=VALUE (got {option})")
+        try:
+            value = json.loads(text)
+        except json.JSONDecodeError:
+            value = text
+        target = given["encoder_options"] if name.startswith("encoder.") else given
+        target[name.removeprefix("encoder.")] = value
+    return given
+
+
+def _say_gain(rows: list[Row]) -> None:
+    """One line a scope: what training added to the start."""
+    found = {(row["method"], row["scope"]): float(row["success@1"] or 0) for row in rows}
+    for scope in dict.fromkeys(str(row["scope"]) for row in rows):
+        before, after = found["start", scope], found["trained", scope]
+        console.print(f"{scope}: success@1 {before:.3f} at the start, {after:.3f} trained ({after - before:+.3f})")

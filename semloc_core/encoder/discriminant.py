@@ -9,7 +9,7 @@ from torch import Tensor
 
 from semloc_core.place_graph import Batch
 
-SHRINKAGE = 1.0
+SHRINKAGE = 3.0
 """Isotropic part of the noise, in units of its mean variance: holds back directions that only seem quiet."""
 
 

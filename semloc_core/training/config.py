@@ -206,7 +206,12 @@ ENCODER_TRAINING: dict[str, dict[str, Any]] = {
 """Options that an encoder is best trained with, where they are not `TrainConfig`'s defaults."""
 
 
-def train_config(encoder: str = "paper", **options: Any) -> TrainConfig:
+DEFAULT_ENCODER = "geodesic_attention"
+"""What `semloc train` trains: the best encoder with attention. The paper's protocol is on the paper's encoder, which is
+what `TrainConfig` has where nothing else is said."""
+
+
+def train_config(encoder: str = DEFAULT_ENCODER, **options: Any) -> TrainConfig:
     """An encoder's own training options, and what differs from them.
 
     Raises:

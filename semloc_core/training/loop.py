@@ -33,7 +33,7 @@ from semloc_core.training.split import Split, split_places
 from semloc_core.training.state import Progress, TrainingState, fingerprint, load_state, save_state
 from semloc_core.training.validation import fit_temperature, judge
 from semloc_core.training.variants import Variant, VariantMaker, VariantPool, pair_masks
-from semloc_core.training.warm_start import view_pairs
+from semloc_core.training.warm_start import take_over, view_pairs
 
 logger = logging.getLogger(__name__)
 
@@ -90,6 +90,7 @@ def train(
     progress: Callable[[Report], None] | None = None,
     resume: Path | None = None,
     checkpoint: Path | None = None,
+    start: Model | None = None,
 ) -> TrainResult:
     """Train an encoder on the graphs of one or more buildings.
 
@@ -103,10 +104,12 @@ def train(
         progress: called after each step.
         resume: a training state to go on from.
         checkpoint: where to keep the training state, written at each look at the validation split.
+        start: a model to go on from, in place of random weights and warm start; of this labelspace, its encoder the
+            one that ``config`` names. It is what comes back where no step betters it on the validation split.
 
     Raises:
         TrainingError: nothing to learn from (no graph, fewer than two places, no object of a known class), or a
-            state that does not fit.
+            state or a start that does not fit.
         ConfigError: an encoder or an option of it that does not exist.
 
     """
@@ -115,6 +118,8 @@ def train(
     splits = [split_places(graph, config.seed) for graph in graphs]
     generator = torch.Generator().manual_seed(config.seed)
     encoder = build_encoder(config.encoder, config.encoder_options, len(labelspace), generator)
+    if start is not None:
+        take_over(encoder, start, labelspace)
     trained, parts = [*graphs], [*splits]  # first the buildings themselves
     for b, graph in enumerate(graphs):
         for k in range(config.redecorated):
@@ -133,18 +138,20 @@ def train(
         [(validating.make(b, 2 * k), validating.make(b, 2 * k + 1)) for b in range(len(graphs))]
         for k in range(config.validation_pairs)
     ]
-    if config.warm_start_variants > 0 and resume is None:
+    if config.warm_start_variants > 0 and resume is None and start is None:
         perturb_map = config.perturb if config.perturb_map is None else config.perturb_map
         views = maker(_WARM_START, config.perturb, True), maker(_WARM_MAPPED, perturb_map, False)
         encoder.warm_start(view_pairs(views, len(trained), config.warm_start_variants))
     pool = VariantPool(asking, config.pool, config.refresh_steps, asked)
     run = _Run(config, encoder, pool, held_out, len(trained))
     encoder.fit(extract_all(graph, len(labelspace), encoder.extraction) for graph in graphs)
-    inputs = fingerprint(graphs, labelspace, config)
+    inputs = fingerprint(graphs, labelspace, config) + (start.hash if start is not None else "")
     stopped: Literal["steps", "patience", "time", "nothing to train"] = "nothing to train"
     if encoder.trainable:
         if resume is not None:
             run.restore(load_state(resume, inputs))
+        elif start is not None:
+            run.look(math.nan)
         stopped = run.steps(progress, checkpoint, inputs)
         encoder.load_state_dict(run.best)
     else:
@@ -161,6 +168,7 @@ def train(
         provenance={
             "graphs": [graph.name for graph in graphs],
             "config": msgspec.to_builtins(config),
+            **({"start": start.hash} if start is not None else {}),
             "best_step": state.best_step,
             "val_pr_auc": max(state.best_value, 0.0),
             "stopped": stopped,

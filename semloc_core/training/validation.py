@@ -22,6 +22,8 @@ Located = list[tuple[int, Floats]]
 """Blocks of rows: the building they are in, and (b, 3) positions in metres."""
 TEMPERATURES = (1e-4, 10.0)
 """Bounds of the fitted temperature."""
+ENOUGH = 1000
+"""Query places that a temperature is fitted on; of more, so many are taken evenly."""
 GRID = 24
 """Temperatures tried, evenly in their logarithm, before the best is refined."""
 
@@ -91,11 +93,12 @@ def fit_temperature(
         z_query, z_map, queries, places = _part_embeddings(encoder, pairs, None, None)
     if not len(z_query) or not len(z_map):
         return 1.0
+    taken = np.linspace(0, len(z_query) - 1, min(len(z_query), ENOUGH)).round().astype(np.int64)
     positive, _ = pair_masks(queries, places, radius_m)
     around, _ = pair_masks(places, places, radius_m)
-    similarity = similarity_matrix(z_query.numpy(), z_map.numpy()).astype(np.float64)
+    similarity = similarity_matrix(z_query.numpy()[taken], z_map.numpy()).astype(np.float64)
     best = similarity.argmax(axis=1)
-    right = positive.numpy()[np.arange(len(best)), best]
+    right = positive.numpy()[taken, best]
     return honest_temperature(similarity, around.numpy()[best], right)
 
 

@@ -1,4 +1,4 @@
-"""Pairs of views for an encoder's warm start (`semloc_core.encoder.base.Encoder.warm_start`)."""
+"""How training begins: pairs of views for an encoder's warm start, or another model's weights."""
 
 from __future__ import annotations
 
@@ -7,8 +7,12 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
+from semloc_core.encoder import Encoder
 from semloc_core.encoder.discriminant import Pairs
+from semloc_core.errors import TrainingError
 from semloc_core.graph_arrays import Floats
+from semloc_core.labelspace import Labelspace
+from semloc_core.model import Model
 from semloc_core.training.variants import VariantMaker
 
 SAME_PLACE_M = 3.0
@@ -33,6 +37,27 @@ def view_pairs(makers: tuple[VariantMaker, VariantMaker], n_buildings: int, vari
             if query.fragments is not None:
                 nearest = _nearest(query.fragments.positions, reference.positions)
                 yield Pairs(query.fragments.batch, reference.batch, nearest, FRAGMENT_WEIGHT)
+
+
+def take_over(encoder: Encoder, start: Model, labelspace: Labelspace) -> None:
+    """Begin with another model's weights.
+
+    Args:
+        encoder: gets them.
+        start: has them.
+        labelspace: what the encoder is to be trained in.
+
+    Raises:
+        TrainingError: another labelspace or encoder, or one without weights.
+
+    """
+    if start.labelspace.hash != labelspace.hash:
+        raise TrainingError(f"expected the start's labelspace {start.labelspace.name} (got {labelspace.name})")
+    if not encoder.trainable:
+        raise TrainingError(f"expected an encoder with weights to go on from (got '{encoder.name}', which has none)")
+    if start.encoder.name != encoder.name or start.encoder.config != encoder.config:
+        raise TrainingError(f"expected the start's encoder '{start.encoder.name}' and its options (got another)")
+    encoder.load_state_dict(start.encoder.state_dict())
 
 
 def _nearest(queries: Floats, places: Floats) -> Tensor:

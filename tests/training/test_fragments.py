@@ -6,7 +6,7 @@ from buildings import LABELS, building
 
 from semloc_core.encoder import build_encoder
 from semloc_core.errors import ConfigError
-from semloc_core.training.config import NEW_RUN, PerturbConfig, TrainConfig, train_config
+from semloc_core.training.config import DEFAULT_ENCODER, NEW_RUN, PerturbConfig, TrainConfig, train_config
 from semloc_core.training.fragments import draw_fragments, join
 from semloc_core.training.loop import train
 from semloc_core.training.losses import infonce, mil_nce
@@ -98,7 +98,8 @@ def test_training_with_all_of_it_is_the_same_each_time_and_better_than_random() 
 
 
 def test_an_encoder_has_training_options_of_its_own_which_a_caller_can_change() -> None:
-    assert train_config() == TrainConfig()
+    assert train_config("paper") == TrainConfig()
+    assert train_config().encoder == DEFAULT_ENCODER == "geodesic_attention"
     own = train_config("geodesic_attention", steps=7)
     assert (own.encoder, own.steps, own.loss, own.perturb) == ("geodesic_attention", 7, "mil_nce", NEW_RUN)
     with pytest.raises(ConfigError, match="step"):

@@ -1,0 +1,45 @@
+"""Which encoder a map is built with: the one named, or else a shipped general one, and a line that says so."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from semloc_core.cli.common import note, read_graph_or_run
+
+if TYPE_CHECKING:
+    from semloc_core.labelspace import Labelspace
+    from semloc_core.model import Model
+
+
+def choose_model(named: str | None, inputs: Sequence[Path], labelspace: Labelspace | None) -> Model:
+    """The encoder for these buildings.
+
+    Args:
+        named: a model file, or the name of a general encoder; None: the general one for the buildings' classes.
+        inputs: graphs or runs.
+        labelspace: what class numbers mean in files without names; the model's own where it is None.
+
+    Raises:
+        ModelError: no such model, or none named and no general one knows enough of the objects.
+
+    """
+    from semloc_core.general import load_model, pick_general
+    from semloc_core.labelspace import Labelspace
+
+    if named is not None:
+        model = load_model(named)
+    else:
+        names = labelspace or Labelspace("none", ())
+        graphs = [read_graph_or_run(path, names) for path in inputs]
+        objects = Counter(thing.class_ for graph in graphs for thing in graph.objects.values())
+        name, model, known = pick_general(objects)
+        note(
+            f"no --model: the general encoder '{name}' is used, which was trained on generated buildings; it knows "
+            f"{known} of {objects.total()} objects. To fit it to these buildings: semloc train GRAPH --start {name}"
+        )
+    if labelspace is not None:
+        model.labelspace = model.labelspace.with_ids_of(labelspace)
+    return model
