@@ -85,10 +85,10 @@ def introspection_page(found: Introspection, name: str) -> Page:
         *([sections.shift(runs, "attention" if "attention" in methods else methods[0])] if methods else []),
         trust.fidelity(found),
         trust.sanity(found),
+        sections.plan(first, typical_query(first)),
         trust.agreement(found),
         trust.frequency(found),
         *([hypotheses(found.hypotheses)] if found.hypotheses else []),
-        sections.plan(first, typical_query(first)),
         sections.place_query_matrices(of_places),
     ]
     model = first.model

@@ -116,13 +116,14 @@ class Page:
 
 
 def joined(first: Page, second: Page) -> Page:
-    """Two pages as one: the first's title, then all of the first, then all of the second; each word explained once."""
+    """Two pages as one: all of the first, then the second under a heading of its own; each word explained once."""
     words = dict(second.terms) | dict(first.terms)
+    between = Section("second", second.title, " ".join(second.introduction), wide=True)
     return Page(
         title=first.title,
-        introduction=(*first.introduction, f"{second.title}, further down.", *second.introduction),
+        introduction=first.introduction,
         facts=first.facts,
-        sections=(*first.sections, *second.sections),
+        sections=(*first.sections, between, *second.sections),
         terms=tuple((word, words[word]) for word in dict.fromkeys(w for w, _ in (*first.terms, *second.terms))),
         provenance=(*first.provenance, *((f"{second.title}: {what}", of) for what, of in second.provenance)),
     )
@@ -167,5 +168,6 @@ def _table(table: Table) -> str:
     note = f"<p class=note>{escape(table.note)}</p>" if table.note else ""
     return (
         f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(table.caption)}">'
-        f"<table><caption>{escape(table.caption)}</caption><thead><tr>{head}</thead>\n<tbody>{body}</tbody></table></div>{note}"
+        f"<table><caption><span>{escape(table.caption)}</span></caption><thead><tr>{head}</thead>\n"
+        f"<tbody>{body}</tbody></table></div>{note}"
     )
