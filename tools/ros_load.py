@@ -30,6 +30,7 @@ import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 
 from semloc_core import wire
@@ -83,17 +84,25 @@ class Load:
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
-        # The module and not `ros2 run`, so that the process that is measured is the node's own.
-        command = [sys.executable, "-m", "semloc_ros.node", "--ros-args", "-p", f"map:={map_file.resolve()}"]
+        # Not `ros2 run`, so that the process that is measured is the node's own.
+        command = [sys.executable, "-c", "import sys; from semloc_ros.commands import localiser; sys.exit(localiser())"]
+        command += ["--ros-args", "-p", f"map:={map_file.resolve()}"]
         command += ["-p", f"explain_rate_hz:={float(explain_rate_hz)}", "-p", f"explainer:={explainer}"]
         self.process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.DEVNULL)
-        while not (self._publisher.get_subscription_count() and self.node.count_publishers("/localiser/matches")):
-            time.sleep(0.05)
-        time.sleep(2.0)
+        try:
+            while not (self._publisher.get_subscription_count() and self.node.count_publishers("/localiser/matches")):
+                if self.process.poll() is not None:
+                    raise RuntimeError(f"expected a localiser that runs (got status {self.process.returncode})")
+                time.sleep(0.05)
+            time.sleep(2.0)
+        except BaseException:  # a thread that still spins when the interpreter ends aborts it
+            self.close()
+            raise
 
     def close(self) -> None:
         """End all, in order."""
-        os.killpg(self.process.pid, signal.SIGINT)
+        if self.process.poll() is None:
+            os.killpg(self.process.pid, signal.SIGINT)
         status = self.process.wait(60)
         self._ended.set()
         self._thread.join()
@@ -256,7 +265,8 @@ def main() -> None:
     parser.add_argument("--memory", type=int, default=0, metavar="UPDATES", help="also measure memory over so many")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    rclpy.init()
+    # Ctrl-C is Python's: ROS's handler would end the context under the thread that spins.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     updates = deltas(options.run)
     texts = "\n".join(wire.encode(u).decode() for u in endless(updates, round(10 * options.seconds)))
     command = [sys.executable, "-c", CORE, str(options.map)]
