@@ -39,6 +39,13 @@ class LocaliserConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         float,
         Meta(ge=0.0, le=1.0, description="the status is match from this probability of the best place on"),
     ] = 0.5
+    rerank: Annotated[
+        Literal["none", "layout"],
+        Meta(
+            description="none: places by similarity alone; layout: the likeliest ones are put to the test, by whether "
+            "objects and free space lie around the robot as they do there",
+        ),
+    ] = "layout"
     filter: Annotated[
         Literal["none", "bayes"],
         Meta(

@@ -23,8 +23,9 @@ from semloc_core.explain.similarity import SimilarityQuery
 from semloc_core.map_database import LoadedMap
 from semloc_core.name_counter import NameCounter
 from semloc_core.place_graph import Batch, extract
-from semloc_core.posterior import CANDIDATES, Ranking, modes, place_probabilities
+from semloc_core.posterior import CANDIDATES, IN_MAP, Ranking, modes, place_probabilities
 from semloc_core.radius_index import RadiusIndex
+from semloc_core.reranker import Reranked, Reranker, verifier_of
 from semloc_core.stream import Outcome, UpdateStream
 from semloc_core.tracker import Tracker
 from semloc_core.visibility import Visibility
@@ -116,6 +117,8 @@ class Localiser:
         self._model_info = ModelInfo(name=self.map.model.encoder.name, hash=self.map.model.hash)
         self._index = RadiusIndex(self.map.positions, self.map.building_index, MATCH_RADIUS_M)
         self._odometry: Odometry | None = None
+        verifier = verifier_of(self.map) if self.config.rerank == "layout" else None
+        self._reranker = Reranker(self.map, verifier, self._index.within) if verifier is not None else None
         self._tracker = Tracker(self.map) if self.config.filter == "bayes" and self.map.n_places else None
 
     def update(self, update: SceneGraphUpdate | bytes | str) -> Localisation:
@@ -199,36 +202,48 @@ class Localiser:
             status: Status = "no_graph" if self.stream.graph is None or not len(self.map.place_ids) else "unknown"
             return Located(query, self._message(query, status), self.map)
         z = query.encoded.embedding[0].numpy()
-        everywhere = self.map.embeddings @ z
-        raw = self._search(z, everywhere)
-        ranking = (self._track(query, everywhere) if place is None else None) or raw
+        raw, everywhere = self._search(z)
+        tested = self._test(query, everywhere, raw)
+        ranking = (self._track(query, everywhere, tested) if place is None else None) or raw
+        if tested is not None and ranking is raw:
+            ranking = tested.ranking
         best = int(ranking.rows[0])
         accepted = ranking.probability[best] >= self.config.accept_probability
         message = self._message(
             query,
-            "match" if accepted else "ambiguous",
+            "match" if accepted else "ambiguous" if ranking.in_map >= IN_MAP else "unknown",
             matches=self._matches(ranking.rows, ranking, everywhere),
             rivals=[] if accepted else self._matches(ranking.rivals()[: self.config.top_n], ranking, everywhere),
             raw_matches=self._matches(raw.rows, raw, everywhere) if ranking is not raw else None,
         )
         return Located(query, message, self.map, best)
 
-    def _search(self, z: NDArray[np.float32], everywhere: NDArray[np.float32]) -> Ranking:
-        """The places most similar to an embedding (D,), of which ``everywhere`` (M,) are the similarities."""
-        rows, ranked = self.map.search(z, max(CANDIDATES, self.config.top_n))
-        everywhere[rows] = ranked  # the same but for the last bit, which must not differ between a match and another
+    def _search(self, z: NDArray[np.float32]) -> tuple[Ranking, NDArray[np.float32]]:
+        """The places most similar to an embedding (D,); (M,) similarities to all places."""
+        rows, _, everywhere = self.map.index.everywhere(z, max(CANDIDATES, self.config.top_n))
         shown = rows[: self.config.top_n]
         separate = np.array(modes(rows, self._index.within), dtype=np.int64)
         asked = np.concatenate([shown, separate])
         chances = place_probabilities(everywhere, self.map.model.temperature, asked, self._index.within)
-        return Ranking(shown, separate, dict(zip(asked.tolist(), chances.tolist(), strict=True)))
+        return Ranking(shown, separate, dict(zip(asked.tolist(), chances.tolist(), strict=True))), everywhere
 
-    def _track(self, query: Query, everywhere: NDArray[np.float32]) -> Ranking | None:
+    def _test(self, query: Query, everywhere: NDArray[np.float32], raw: Ranking) -> Reranked | None:
+        """What verification by layout makes of the search's answer, if it is asked for."""
+        graph = self.stream.graph
+        if self._reranker is None or graph is None or query.place is None:
+            return None
+        return self._reranker.rank(graph, query.place, everywhere, raw.rows, self.config.top_n)
+
+    def _track(self, query: Query, everywhere: NDArray[np.float32], tested: Reranked | None = None) -> Ranking | None:
         """What the filter makes of it, if there is one: also of a place with nothing around it."""
         graph = self.stream.graph
         if self._tracker is None or graph is None or query.place not in graph.places:
             return None
-        self._tracker.observe(graph, query.place, everywhere, self._odometry)
+        if tested is None:
+            self._tracker.observe(graph, query.place, everywhere, self._odometry)
+        else:
+            in_map = tested.ranking.in_map
+            self._tracker.observe(graph, query.place, everywhere, self._odometry, tested.verified, in_map)
         return self._tracker.ranking(self.config.top_n)
 
     def _embed(self, place: str | None) -> Query:
@@ -341,7 +356,7 @@ class Localiser:
             rivals=rivals or [],
             map=MapInfo(name=self.map.name, hash=self.map.hash, places=len(self.map.place_ids)),
             model=self._model_info,
-            calibrated=False,
+            calibrated=self._reranker is not None,
             latency_ms=None,
         )
 

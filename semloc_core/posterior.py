@@ -14,17 +14,23 @@ CANDIDATES = 256
 """How many of the most similar places are looked at for rivals; the rest is too unlike to be one."""
 RIVALS = 20
 """How many separate answers of a filter are looked at for rivals."""
+IN_MAP = 0.5
+"""Below this probability of being in the map at all, an answer that is not accepted is unknown, not ambiguous."""
 RIVAL_RATIO = 0.5
 """A place elsewhere rivals the best one from this fraction of its probability on."""
 
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """Rows of the map to be shown, best first; rows no two of which are one answer; the probability of each."""
+    """Rows of the map to be shown, best first; rows no two of which are one answer; the probability of each.
+
+    ``in_map`` is P(the robot is in one of the map's buildings), 1 where nothing speaks of it.
+    """
 
     rows: Ints
     separate: Ints
     probability: dict[int, float]
+    in_map: float = 1.0
 
     def rivals(self) -> Ints:
         """Answers other than the first that are nearly as likely, by falling probability."""
@@ -54,8 +60,13 @@ def place_probabilities(
     # Powers in float32, sums in float64: twenty times as fast on a large map, and far more exact than is shown.
     weights = np.exp((similarities - similarities.max()) * np.float32(1.0 / temperature))
     total = float(weights.sum(dtype=np.float64))
-    shares = [float(weights[within(int(row))].sum(dtype=np.float64)) / total for row in rows]
-    return np.minimum(1.0, np.array(shares, dtype=np.float64))
+    if not len(rows):
+        return np.zeros(0, dtype=np.float64)
+    near = [within(int(row)) for row in rows]  # each has the row itself, so none is empty
+    starts = np.cumsum([0, *map(len, near[:-1])])
+    sums = np.add.reduceat(weights[np.concatenate(near)].astype(np.float64), starts)
+    chances: Floats = np.minimum(1.0, sums / total)
+    return chances
 
 
 def modes(rows: Ints, within: Callable[[int], Ints]) -> list[int]:

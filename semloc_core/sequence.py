@@ -41,6 +41,8 @@ Ints = NDArray[np.int64]
 
 NEIGHBOUR_M = 4.0
 """How far along the edges one step of the prediction goes, metres; a longer way is more steps."""
+TESTED_SPREAD_M = 1.0
+"""How near a tested place the robot may be as well, standard deviation in metres."""
 _MOST_LEGS = 8
 """A longer way than so many steps (a loop closure that moves the frame, most likely) says no more than that."""
 _BIN_M = 0.25
@@ -140,6 +142,31 @@ class MapModel:
         likelihood = self.observation.log_likelihood(seen)
         log: Floats = np.float32(config.evidence) * likelihood + much[:, None].astype(np.float32) * similarity
         return log
+
+    def tested(self, evidence: Floats, rows: Ints, score: Floats, sharpness: float) -> Floats:
+        """What an observation says once its likeliest places were verified by layout (`semloc_core.layout`).
+
+        Verification knows better than rings do: a place that was tested, and what is near it, has what the test
+        says; all others are worse than the worst of these, ordered as before.
+
+        Args:
+            evidence: (M,) float32, a row of `evidence`.
+            rows: (T,) places tested.
+            score: (T,) float32 log-likelihood ratios.
+            sharpness: exponent on these.
+
+        Returns:
+            (M,) float32.
+
+        """
+        worst = np.float32(sharpness) * score.min()
+        combined: Floats = worst + np.minimum(np.float32(0.5) * (evidence - evidence.max()), np.float32(0.0))
+        near = self.matching
+        for row, value in zip(rows.tolist(), (np.float32(sharpness) * score).tolist(), strict=True):
+            run = slice(int(near.start[row]), int(near.start[row + 1]))
+            fades = np.float32(value) - np.float32(0.5) * (near.metres[run] / np.float32(TESTED_SPREAD_M)) ** 2
+            combined[near.places[run]] = np.maximum(combined[near.places[run]], fades)
+        return combined
 
 
 def map_model(

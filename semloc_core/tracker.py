@@ -7,6 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core.layout import Verified
+from semloc_core.layout.confidence import SHARPNESS
 from semloc_core.map_database import LoadedMap
 from semloc_core.observation import surroundings
 from semloc_core.posterior import RIVALS, Ranking
@@ -44,9 +46,16 @@ class Tracker:
         self.filter = PlaceFilter(self._model, config)
         self._observed: tuple[SceneGraph, int] | None = None
         self._stood: tuple[Position, bool] | None = None
+        self._in_map = 1.0
 
     def observe(
-        self, graph: SceneGraph, place: str, similarity: NDArray[np.float32], odometry: Odometry | None
+        self,
+        graph: SceneGraph,
+        place: str,
+        similarity: NDArray[np.float32],
+        odometry: Odometry | None,
+        verified: Verified | None = None,
+        in_map: float = 1.0,
     ) -> None:
         """Take in the graph as it is; once, however often it is asked.
 
@@ -55,6 +64,8 @@ class Tracker:
             place: where in it the robot is.
             similarity: (M,) of the place's embedding to all places of the map.
             odometry: of the last update, or None.
+            verified: what verification by layout made of it, or None.
+            in_map: P(the robot is in the map), by that verification.
 
         """
         if self._observed is not None and self._observed[0] is graph and self._observed[1] == graph.version:
@@ -63,12 +74,17 @@ class Tracker:
         position = graph.places[place] if odometry is None else odometry.position
         seen = surroundings(graph, self._labelspace, [place])
         evidence = self._model.evidence(seen, similarity[None], self.filter.config)[0]
+        if verified is not None:
+            evidence = self._model.tested(evidence, verified.rows, verified.score.astype(np.float32), SHARPNESS)
+        self._in_map = in_map
         self.filter.update(evidence, self._walked(position, odometry is not None))
 
     def ranking(self, n: int) -> Ranking:
         """The ``n`` likeliest answers, and those that may rival the first."""
         rows, chances = self.filter.ranking(max(RIVALS, n))
-        return Ranking(rows[:n], rows, dict(zip(rows.tolist(), chances.tolist(), strict=True)))
+        # The filter believes that the robot is somewhere in the map; verification may know better.
+        sure = (chances.astype(np.float64) * self._in_map).tolist()
+        return Ranking(rows[:n], rows, dict(zip(rows.tolist(), sure, strict=True)), self._in_map)
 
     def _walked(self, position: Position, by_odometry: bool) -> float:
         if self._stood is None or self._stood[1] != by_odometry:  # positions of two kinds can't be compared

@@ -4,14 +4,19 @@ import dataclasses
 import random
 
 import msgspec
+import numpy as np
 import pytest
 from small_building import SPACE, building_update, delta, make_map, make_model
 
 from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import GraphError, MessageError, SemlocError
+from semloc_core.graph_arrays import GraphArrays
 from semloc_core.localiser import Localiser
+from semloc_core.map_database import MapDatabase, load
+from semloc_core.model import embed_graph
 from semloc_core.stream import Outcome
+from semloc_core.world import KINDS, draw_pair
 
 
 @pytest.fixture(scope="module", params=["paper", "rings", "bag_of_words"])
@@ -36,7 +41,7 @@ def test_a_place_of_the_map_finds_itself(world):
 
 
 def test_the_message_says_what_answered(world):
-    matches = ask(world, building_update(), top_n=7).matches
+    matches = ask(world, building_update(), top_n=7, rerank="none").matches
     assert (matches.seq, matches.stamp_ns, matches.query_place) == (0, 1_000_000_000, "p5")
     assert [m.rank for m in matches.matches] == list(range(1, 8))
     assert matches.map == wire.MapInfo(name="home", hash=world.hash, places=30)
@@ -198,9 +203,54 @@ def test_a_sure_answer_is_a_match_and_an_unsure_one_names_its_rivals(tmp_path):
     assert [r.place for r in unsure.rivals][:1] == ["p5"]
     assert {unsure.matches[0].map, unsure.rivals[0].map} == {"a", "b"}
     sure = make_map(tmp_path / "one.map", dataclasses.replace(model, temperature=0.01), a=building_update())
-    answer = ask(sure, building_update()).matches
-    assert answer.status == "match"
-    assert answer.rivals == []
+    for rerank in ("none", "layout"):
+        answer = ask(sure, building_update(), rerank=rerank).matches
+        assert answer.status == "match"
+        assert answer.rivals == []
+
+
+def test_what_was_tested_by_layout_is_ranked_by_probability_and_the_search_is_published_beside_it(world):
+    plain = ask(world, building_update(query="p12"), rerank="none").matches
+    tested = ask(world, building_update(query="p12")).matches
+    assert (plain.calibrated, tested.calibrated) == (False, True)
+    assert plain.raw_matches is None
+    assert tested.raw_matches == plain.matches
+    best = tested.matches[0]
+    assert abs(best.position[0] - 12) <= 4
+    probabilities = [m.probability for m in tested.matches]
+    assert probabilities == sorted(probabilities, reverse=True)
+    assert best.probability > 0.9
+    assert wire.decode(wire.encode(tested), wire.PlaceMatches).matches[0].place == best.place
+
+
+def test_a_building_that_the_map_does_not_have_is_told_from_one_that_it_has(tmp_path):
+    """Two homes, one in the map; each is seen again by a detector and asked at places all over it."""
+    rng = np.random.default_rng(3)
+    (mapped, again), (_, foreign) = draw_pair(KINDS["home"], rng), draw_pair(KINDS["home"], rng)
+    arrays = GraphArrays.from_scene_graph(mapped.graph, mapped.labelspace, "home")
+    model = make_model("rings", space=mapped.labelspace)
+    with MapDatabase.create(tmp_path / "home.map", model) as database:
+        rows = arrays.place_ids, arrays.place_positions, embed_graph(model, arrays)
+        database.add_building("home", mapped.graph, *rows)
+    world = load(tmp_path / "home.map")
+
+    def statuses(graph):
+        localiser = Localiser(world, LocaliserConfig(explain_rate_hz=0.0))
+        localiser.apply(graph.to_update(seq=0, stamp_ns=0, frame_id="odom"))
+        return [localiser.locate(place).matches.status for place in sorted(graph.places)[::10]]
+
+    at_home, abroad = statuses(again.graph), statuses(foreign.graph)
+    assert at_home.count("match") > 0.8 * len(at_home)
+    assert abroad.count("match") < 0.2 * len(abroad)
+    assert abroad.count("unknown") > 0.5 * len(abroad)
+
+
+def test_a_map_without_scene_graphs_is_searched_all_the_same(world):
+    bare = dataclasses.replace(world, stored=())
+    answer = ask(bare, building_update()).matches
+    assert not answer.calibrated
+    assert answer.raw_matches is None
+    assert answer.matches == ask(world, building_update(), rerank="none").matches.matches
 
 
 def test_the_labelspace_of_the_map_is_what_counts(world):

@@ -95,6 +95,9 @@ def online(
         float, typer.Option(min=0.0, help="Standard deviation of a place's position, m per axis.")
     ] = 0.0,
     filtered: Annotated[bool, typer.Option("--filter/--no-filter", help="With the filter over places too.")] = True,
+    verified: Annotated[
+        bool, typer.Option("--layout/--no-layout", help="Answers verified by layout too (rings and each model).")
+    ] = True,
     kidnapped: Annotated[
         bool, typer.Option("--kidnapped", help="Metres until right again, after being carried away.")
     ] = False,
@@ -125,6 +128,7 @@ def online(
             config=config,
             walks=walks,
             filtered=filtered,
+            verified=verified,
             kidnapped=kidnapped,
             foreign=foreign,
             bound=bound,

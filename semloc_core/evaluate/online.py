@@ -18,7 +18,6 @@ from semloc_core.evaluate import metrics
 from semloc_core.evaluate.agreement import Agreement
 from semloc_core.evaluate.fragments import embed_walk, surroundings_along
 from semloc_core.evaluate.online_answers import (
-    Bools,
     OnlineWalk,
     believed,
     make_walks,
@@ -27,10 +26,11 @@ from semloc_core.evaluate.online_answers import (
     verdict,
 )
 from semloc_core.evaluate.online_hard import judge_foreign, judge_kidnapped
+from semloc_core.evaluate.online_layout import groups_of, judge_online_layout, success_rows
 from semloc_core.evaluate.relocalise import Arena, fitted, make_arena, read_buildings
+from semloc_core.evaluate.reranked import layout_verifier
 from semloc_core.evaluate.rows import Progress, Row, no_progress
 from semloc_core.evaluate.walks import WalkConfig
-from semloc_core.graph_arrays import Ints
 from semloc_core.labelspace import union
 from semloc_core.model import Model, embed_graph
 from semloc_core.sequence import FilterConfig, MapModel, PlaceFilter
@@ -49,6 +49,7 @@ def evaluate_online(
     walks: int = 10,
     scopes_m: Sequence[float] = SCOPES_M,
     filtered: bool = True,
+    verified: bool = True,
     kidnapped: bool = False,
     foreign: bool = False,
     bound: bool = True,
@@ -68,6 +69,7 @@ def evaluate_online(
             equally likely to start at any place of any building.
         scopes_m: metres walked at which answers are judged.
         filtered: judge each method with the filter over places (`semloc_core.sequence`) too.
+        verified: judge rings and each model with answers verified by layout too (`judge_online_layout`).
         kidnapped: judge also how soon a robot is right again that was carried away (`judge_kidnapped`).
         foreign: judge also how many answers are accepted in a building that no map has (`judge_foreign`).
         bound: judge `semloc_core.evaluate.agreement` too.
@@ -97,6 +99,13 @@ def evaluate_online(
 
     def judge(name: str, model: Model, its: Arena, paths: Sequence[OnlineWalk], places: MapModel | None) -> None:
         rows.extend(judge_online(name, model, its, paths, scopes_m, radius_m, seed, places))
+        if verified and (name == "rings" or name not in encoders):
+            verifier = layout_verifier(its.maps, len(its.labelspace))
+            rows.extend(
+                judge_online_layout(
+                    name, model, its, paths, scopes_m, radius_m, seed, verifier, places=places, foreign=foreign
+                )
+            )
         if kidnapped:
             rows.extend(judge_kidnapped(name, model, its, paths, radius_m, places))
         if foreign:
@@ -156,7 +165,9 @@ def judge_online(
             right[i] = verdict(arena, path, at, best, radius_m)
     rows = []
     for (filter_, home), right in verdicts.items():
-        rows += _rows({"method": method, "filter": filter_, "home": home}, right, paths, scopes_m, seed)
+        rows += success_rows(
+            {"method": method, "filter": filter_, "home": home}, right, groups_of(paths), scopes_m, seed
+        )
     return rows
 
 
@@ -185,7 +196,7 @@ def judge_agreement(
         share[i] = (agree & right).sum(axis=1) / np.maximum(number[i], 1)
     rows: list[Row] = []
     rng = np.random.default_rng(seed)
-    groups = _groups(paths)
+    groups = groups_of(paths)
     for column, metres in enumerate(scopes_m):
         low, high = metrics.bootstrap_interval(share[:, column], rng, groups=groups)
         rows.append(
@@ -202,23 +213,3 @@ def judge_agreement(
             }
         )
     return rows
-
-
-def _rows(keys: Row, right: Bools, paths: Sequence[OnlineWalk], scopes_m: Sequence[float], seed: int) -> list[Row]:
-    """A row a scope of verdicts (W, K, 10)."""
-    rng = np.random.default_rng(seed)
-    groups = _groups(paths)
-    rows: list[Row] = []
-    for column, metres in enumerate(scopes_m):
-        row: Row = {**keys, "scope": f"{metres:g}m", "queries": len(paths)}
-        for n in metrics.RANKS:
-            success: Bools = right[:, column, :n].max(axis=1)
-            low, high = metrics.bootstrap_interval(success, rng, groups=groups)
-            row |= {f"success@{n}": float(success.mean()), f"success@{n}_low": low, f"success@{n}_high": high}
-        rows.append(row)
-    return rows
-
-
-def _groups(paths: Sequence[OnlineWalk]) -> Ints | None:
-    groups = np.array([path.building for path in paths], dtype=np.int64)
-    return groups if len(np.unique(groups)) > 1 else None

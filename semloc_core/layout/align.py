@@ -25,7 +25,7 @@ from semloc_core.layout.mapped import MappedLayout
 
 ROUNDS = 4
 """Rounds of expectation–maximisation; they settle in two or three."""
-_SEEN_CELL_M = 0.5
+_SEEN_CELL = np.array([0.5, 0.5, 1.0])  # metres
 _PAD = 1e6  # metres: where objects lie that only fill up a row
 
 
@@ -147,29 +147,29 @@ def _expected(
     mapped: MappedLayout, fragment: Fragment, there: Floats, classes: Ints, heading: Floats, shift: Floats
 ) -> Floats:
     """(T,) how many of the mapped objects lie where the robot has looked."""
-    config = mapped.config
-    seen, low = _seen(fragment.places[:, :2], config.seen_within_m)
+    seen, low = _seen(fragment.places, mapped.config.seen_within_m)
     c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
     x, y = there[..., 0] - shift[:, None, 0], there[..., 1] - shift[:, None, 1]
-    back = np.stack([c * x + s * y, c * y - s * x], axis=-1)
-    cells = np.floor((back - low) / _SEEN_CELL_M).astype(np.int64)
+    back = np.stack([c * x + s * y, c * y - s * x, there[..., 2]], axis=-1)
+    cells = np.floor((back - low) / _SEEN_CELL).astype(np.int64)
     inside = ((cells >= 0) & (cells < np.array(seen.shape))).all(axis=-1) & (classes >= 0)
-    inside &= np.abs(there[..., 2]) <= config.floor_m
-    i, j = np.moveaxis(np.where(inside[..., None], cells, 0), -1, 0)
-    found: Floats = (inside & seen[i, j]).sum(axis=1).astype(np.float64)
+    i, j, k = np.moveaxis(np.where(inside[..., None], cells, 0), -1, 0)
+    found: Floats = (inside & seen[i, j, k]).sum(axis=1).astype(np.float64)
     return found
 
 
 def _seen(places: Floats, within_m: float) -> tuple[NDArray[np.bool_], Floats]:
-    """Cells near a known place, and the corner of the first one."""
-    margin = int(np.ceil(within_m / _SEEN_CELL_M)) + 1
+    """Cells near a known place on its floor, and the corner of the first one."""
+    reach = int(np.ceil(within_m / _SEEN_CELL[0]))
     if not len(places):
-        return np.zeros((1, 1), dtype=np.bool_), np.zeros(2)
-    low: Floats = places.min(axis=0) - margin * _SEEN_CELL_M
-    cells = np.floor((places - low) / _SEEN_CELL_M).astype(np.int64)
+        return np.zeros((1, 1, 1), dtype=np.bool_), np.zeros(3)
+    margin = np.array([reach, reach, 1])
+    low: Floats = places.min(axis=0) - margin * _SEEN_CELL
+    cells = np.floor((places - low) / _SEEN_CELL).astype(np.int64)
     seen = np.zeros(cells.max(axis=0) + margin + 1, dtype=np.bool_)
-    for dx in range(-margin, margin + 1):
-        for dy in range(-margin, margin + 1):
-            if (dx * dx + dy * dy) * _SEEN_CELL_M**2 <= within_m**2:
-                seen[cells[:, 0] + dx, cells[:, 1] + dy] = True
+    for dx in range(-reach, reach + 1):
+        for dy in range(-reach, reach + 1):
+            if np.hypot(dx, dy) * _SEEN_CELL[0] <= within_m:
+                for dz in (-1, 0, 1):
+                    seen[cells[:, 0] + dx, cells[:, 1] + dy, cells[:, 2] + dz] = True
     return seen, low

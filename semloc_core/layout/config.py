@@ -15,8 +15,9 @@ class LayoutConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         12.0
     )
     floor_m: Annotated[
-        float, Meta(gt=0.0, le=100.0, description="what is more above or below the robot is on another floor")
-    ] = 2.0
+        float,
+        Meta(gt=0.0, le=100.0, description="how far above and below the robot: the next floor tells places apart too"),
+    ] = 3.5
     detected: Annotated[float, Meta(gt=0.0, le=1.0, description="share of the mapped objects that are detected")] = 0.77
     looked: Annotated[
         float,
@@ -27,7 +28,7 @@ class LayoutConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     ] = 0.06
     spread_m: Annotated[
         float, Meta(gt=0.0, le=10.0, description="standard deviation of an object's position, per axis in the plane")
-    ] = 0.6
+    ] = 0.7
     height_spread_m: Annotated[
         float, Meta(gt=0.0, le=10.0, description="standard deviation of an object's height above the place")
     ] = 0.7
@@ -44,7 +45,7 @@ class LayoutConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         float,
         Meta(ge=0.0, le=10.0, description="weight of a known place in walls: places beside one another are not news"),
     ] = 0.25
-    coarse: Annotated[int, Meta(ge=1, le=100_000, description="places of the map that are tried in all headings")] = 500
+    coarse: Annotated[int, Meta(ge=1, le=100_000, description="places of the map that are tried in all headings")] = 400
     fine: Annotated[int, Meta(ge=1, le=10_000, description="poses that are aligned and scored")] = 48
     most_objects: Annotated[
         int, Meta(ge=1, le=10_000, description="objects that count at most, the nearest; bounds the cost of an answer")

@@ -14,10 +14,12 @@ from semloc_core.graph_arrays import Floats, Ints
 from semloc_core.layout.fragment import Fragment
 from semloc_core.layout.mapped import Floats32, MappedLayout
 
-HEADINGS = 48
+HEADINGS = 24
 """Headings that are tried, evenly around."""
 NEAR = 2.5
 """Pairs whose distances from their places differ by more spreads than this do not vote."""
+VOTERS = 16
+"""Seen objects that vote, those of the rarest classes: they have the fewest to be mistaken for."""
 
 
 def heading_scores(mapped: MappedLayout, fragment: Fragment, candidates: Ints) -> Floats32:
@@ -30,8 +32,11 @@ def heading_scores(mapped: MappedLayout, fragment: Fragment, candidates: Ints) -
 
     """
     config, n = mapped.config, len(fragment.classes)
+    invented = mapped.invented[fragment.classes]
     scores = np.zeros((len(candidates), HEADINGS), dtype=np.float32)
-    which, seen, there = _same_class(mapped, fragment, candidates)
+    voters = np.argsort(invented, kind="stable")[:VOTERS]
+    which, seen, there = _same_class(mapped, fragment.classes[voters], candidates)
+    seen = voters[seen]
     offset = mapped.object_positions[there] - mapped.positions[candidates[which]]
     here = fragment.objects[seen]
     far_here, far_there = np.hypot(here[:, 0], here[:, 1]), np.hypot(offset[:, 0], offset[:, 1])
@@ -48,9 +53,7 @@ def heading_scores(mapped: MappedLayout, fragment: Fragment, candidates: Ints) -
     fixed = along[close] ** 2 / spread2 + up[close] ** 2 / config.height_spread_m**2
     scale = (4 * far_here[close] * far_there[close] / spread2).astype(np.float32)
     density = np.exp(-0.5 * (fixed.astype(np.float32)[:, None] + scale[:, None] * across * across))
-    density *= (config.detected / (2 * np.pi * spread2) / mapped.invented[fragment.classes[seen]])[:, None].astype(
-        np.float32
-    )
+    density *= (config.detected / (2 * np.pi * spread2) / invented[seen])[:, None].astype(np.float32)
     key = which * n + seen
     order = np.argsort(key, kind="stable")
     key = key[order]
@@ -62,14 +65,14 @@ def heading_scores(mapped: MappedLayout, fragment: Fragment, candidates: Ints) -
     return scores
 
 
-def _same_class(mapped: MappedLayout, fragment: Fragment, candidates: Ints) -> tuple[Ints, Ints, Ints]:
+def _same_class(mapped: MappedLayout, classes: Ints, candidates: Ints) -> tuple[Ints, Ints, Ints]:
     """All (candidate's number, seen object, mapped object) of one class, the mapped one near the candidate."""
     start, objects = mapped.objects_near
     size = start[candidates + 1] - start[candidates]
     there = objects[ranges(start[candidates], size)]
     which = np.repeat(np.arange(len(candidates)), size)
-    order = np.argsort(fragment.classes, kind="stable")
-    ordered = fragment.classes[order]
+    order = np.argsort(classes, kind="stable")
+    ordered = classes[order]
     low = np.searchsorted(ordered, mapped.object_classes[there], side="left")
     number = np.searchsorted(ordered, mapped.object_classes[there], side="right") - low
     return np.repeat(which, number), order[ranges(low, number)], np.repeat(there, number)

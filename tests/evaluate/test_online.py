@@ -100,9 +100,9 @@ def test_the_filter_on_arrays_believes_what_the_localiser_does(small_worlds: lis
     seen = surroundings_along(path, len(space))
     evidence = places.evidence(seen, embed_walk(model, path) @ loaded.embeddings.T, FilterConfig())
     robot = PlaceFilter(places)
-    localiser = Localiser(loaded, LocaliserConfig(explain_rate_hz=0.0, filter="bayes"))
+    localiser = Localiser(loaded, LocaliserConfig(explain_rate_hz=0.0, filter="bayes", rerank="none"))
     walked = np.linalg.norm(np.diff(path.graph.place_positions[path.places], axis=0, prepend=np.nan), axis=1)
-    unfiltered = Localiser(loaded, LocaliserConfig(explain_rate_hz=0.0))
+    unfiltered = Localiser(loaded, LocaliserConfig(explain_rate_hz=0.0, rerank="none"))
     answers = clear = 0
     for step, update in enumerate(stream(path, space)):
         answer, raw = localiser.update(update).matches, unfiltered.update(update).matches
@@ -245,7 +245,8 @@ def test_walks_are_by_number_of_places_and_a_model_of_fewer_classes_walks_the_sa
     given = Model(build_encoder("rings", None, 3), space)
     rows = evaluate_online(root, encoders=("rings",), models=[given], walks=3, scopes_m=(0.0, 30.0), bound=False)
     methods = {row["method"] for row in rows}
-    assert methods == {"rings", f"rings {given.hash[:8]}"}
+    names = {"rings", f"rings {given.hash[:8]}"}
+    assert methods == names | {f"{name} + layout" for name in names}
     assert {row["queries"] for row in rows} == {rows[0]["queries"]}
     assert 7 <= int(rows[0]["queries"] or 0) <= 11
 

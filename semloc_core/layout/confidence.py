@@ -1,0 +1,158 @@
+"""How sure one can be of a verified answer: P(the best place is within 4 m), and P(the robot is in the map at all).
+
+The log-likelihood ratios of the places tested assume more than is true (objects come in groups, buildings resemble one
+another), so they are not taken at their word: a logistic regression on a few figures of the whole answer, and their
+squares and products, says what answers like this one were worth on generated buildings, at home and abroad
+(`semloc_core.evaluate.fit_confidence`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from semloc_core.config import MATCH_RADIUS_M
+from semloc_core.graph_arrays import Floats
+from semloc_core.layout.fragment import Fragment
+from semloc_core.layout.mapped import MappedLayout
+from semloc_core.layout.verifier import Verified
+
+FEATURES = (
+    "margin",
+    "fraction",
+    "share",
+    "objects",
+    "walls",
+    "explained",
+    "missing",
+    "places",
+    "score",
+)
+SHARPNESS = 0.5
+"""Exponent on the likelihoods that share belief among places: objects are not independent."""
+CLIP = 3.0
+"""Features count up to so many standard deviations from the mean: beyond, nothing was learnt."""
+
+
+@dataclass(frozen=True, eq=False)
+class Confidence:
+    """What may be believed of a verified answer.
+
+    Args:
+        probability: (T,) P(the robot is within the match radius of the place), for each place tested on its own.
+        in_map: P(the robot is in the map).
+
+    """
+
+    probability: Floats
+    in_map: float
+
+
+class Calibration(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A fitted regression, as kept in ``calibration.json``.
+
+    Args:
+        mean: (F,) of the features.
+        deviation: (F,) standard deviations.
+        right: weights of ``terms`` for the best place being right.
+        in_map: the same for the robot being in the map.
+
+    """
+
+    features: tuple[str, ...]
+    mean: tuple[float, ...]
+    deviation: tuple[float, ...]
+    right: tuple[float, ...]
+    in_map: tuple[float, ...]
+
+    def terms(self, x: Floats) -> Floats:
+        """(N, 1 + F + F (F + 1) / 2) one, the standardised features (N, F), their squares and products."""
+        z = np.clip((x - np.array(self.mean)) / np.array(self.deviation), -CLIP, CLIP)
+        i, j = np.triu_indices(z.shape[1])
+        found: Floats = np.concatenate([np.ones((len(z), 1)), z, z[:, i] * z[:, j]], axis=1)
+        return found
+
+
+@lru_cache(maxsize=1)
+def shipped_calibration() -> Calibration:
+    """The calibration that is part of the package."""
+    data = files("semloc_core.layout").joinpath("calibration.json").read_bytes()
+    found = msgspec.json.decode(data, type=Calibration)
+    assert found.features == FEATURES, found.features
+    return found
+
+
+def confidence(
+    verified: Verified, fragment: Fragment, mapped: MappedLayout, calibration: Calibration | None = None
+) -> Confidence:
+    """Believe a verified answer as far as experience goes.
+
+    Args:
+        verified: the answer.
+        fragment: what it was given for.
+        mapped: the map.
+        calibration: None for the shipped one.
+
+    """
+    calibration = calibration or shipped_calibration()
+    terms = calibration.terms(features(verified, fragment, mapped)[None])[0]
+    # Whatever was learnt: of two places that fit equally well neither is likelier than the other.
+    bound = float(masses(verified, mapped, 1.0)[0])
+    learnt = _logistic(float(terms @ np.array(calibration.right)))
+    in_map = max(learnt, _logistic(float(terms @ np.array(calibration.in_map))))
+    right = min(learnt, bound)
+    mass = masses(verified, mapped)
+    # No place is believed more than the best one; nor does one elsewhere get what the best one leaves.
+    elsewhere = ~_together(verified, mapped)[0]
+    chance = right * mass / mass[0]
+    chance[elsewhere] = np.minimum(chance[elsewhere], max(in_map - right, 0.0))
+    return Confidence(np.minimum(chance, right), in_map)
+
+
+def features(verified: Verified, fragment: Fragment, mapped: MappedLayout) -> Floats:
+    """(F,) the figures of `FEATURES`."""
+    n, best = len(fragment.classes), 0
+    config = mapped.config
+    perfect = np.log1p(config.detected / (2 * np.pi * config.spread_m**2) / mapped.invented[fragment.classes]).sum()
+    elsewhere = ~_together(verified, mapped)[best]
+    rival = verified.score[elsewhere].max() if elsewhere.any() else verified.score.min() - 5.0
+    share = float(masses(verified, mapped)[best])
+    score = float(verified.score[best])
+    return np.array(
+        [
+            math.log1p(min(max(score - float(rival), 0.0), 20.0)),
+            score / float(perfect),
+            math.log(share / (1 - share + 1e-6)),
+            math.log(n),
+            float(verified.walls[best]) / max(len(fragment.places), 1),
+            float((verified.explained[best] > 1.0).mean()),
+            float(verified.missing[best]) / n,
+            math.log(len(fragment.places) + 1),
+            math.log1p(max(score, 0.0)),
+        ]
+    )
+
+
+def masses(verified: Verified, mapped: MappedLayout, sharpness: float = SHARPNESS) -> Floats:
+    """(T,) share of the belief that lies within the match radius of each place tested, in (0, 1]."""
+    weight = np.exp(sharpness * (verified.score - verified.score[0]))
+    found: Floats = _together(verified, mapped) @ (weight / weight.sum())
+    return np.minimum(found, 1.0)
+
+
+def _together(verified: Verified, mapped: MappedLayout) -> NDArray[np.bool_]:
+    """(T, T) which places tested are one answer."""
+    at, of = mapped.positions[verified.rows], mapped.building[verified.rows]
+    off = np.linalg.norm(at[:, None] - at[None], axis=2)
+    found: NDArray[np.bool_] = (off <= MATCH_RADIUS_M) & (of[:, None] == of[None])
+    return found
+
+
+def _logistic(x: float) -> float:
+    return 1.0 / (1.0 + math.exp(-x)) if x > -700 else 0.0

@@ -1,0 +1,102 @@
+"""The search's answer put to the test by layout, as a localiser does it: `semloc_core.layout` on a live graph."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semloc_core.graph_arrays import GraphArrays
+from semloc_core.layout import LayoutVerifier, Verified, fragment_of_graph
+from semloc_core.layout.confidence import confidence
+from semloc_core.map_database import LoadedMap
+from semloc_core.posterior import Ranking, modes
+from semloc_core.scene_graph import SceneGraph
+
+Ints = NDArray[np.int64]
+
+_VERIFIERS: WeakKeyDictionary[LoadedMap, LayoutVerifier | None] = WeakKeyDictionary()
+
+
+def verifier_of(loaded: LoadedMap) -> LayoutVerifier | None:
+    """The verifier of a map, made once for it however many localisers share it; None for a map without scene graphs."""
+    if loaded not in _VERIFIERS:
+        _VERIFIERS[loaded] = _make(loaded) if len(loaded.stored) == len(loaded.buildings) else None
+    return _VERIFIERS[loaded]
+
+
+def _make(loaded: LoadedMap) -> LayoutVerifier:
+    labelspace = loaded.model.labelspace
+    graphs, rows = [], []
+    for building in loaded.buildings:
+        arrays = GraphArrays.from_scene_graph(loaded.graph(building), labelspace, building)
+        index = {place: i for i, place in enumerate(arrays.place_ids)}
+        graphs.append(arrays)
+        rows.append(np.array([index[p] for p in loaded.place_ids[loaded.rows_of(building)]], dtype=np.int64))
+    return LayoutVerifier(graphs, rows, len(labelspace))
+
+
+@dataclass(frozen=True, eq=False)
+class Reranked:
+    """What verification made of an answer.
+
+    Args:
+        ranking: the places tested, best first, then the search's; probabilities of all.
+        verified: the test itself.
+
+    """
+
+    ranking: Ranking
+    verified: Verified
+
+
+class Reranker:
+    """Puts answers to the test.
+
+    Args:
+        loaded: the map.
+        verifier: of that map.
+        within: gives the rows near a row of the map, itself among them.
+
+    """
+
+    def __init__(self, loaded: LoadedMap, verifier: LayoutVerifier, within: Callable[[int], Ints]) -> None:
+        self._labelspace = loaded.model.labelspace
+        self._verifier = verifier
+        self._within = within
+
+    def rank(
+        self, graph: SceneGraph, place: str, similarity: NDArray[np.float32], raw: Ints, top_n: int
+    ) -> Reranked | None:
+        """Test the likeliest places of the map for one place of a graph.
+
+        Args:
+            graph: what the robot knows.
+            place: where in it the robot is.
+            similarity: (M,) of the place's embedding to all places of the map.
+            raw: rows of the search's answer, best first: they follow what was tested.
+            top_n: how many places to list.
+
+        Returns:
+            The answer; None where no object around the robot fits anything in the map.
+
+        """
+        verifier = self._verifier
+        fragment = fragment_of_graph(graph, self._labelspace, place, verifier.config)
+        found = verifier.verify(fragment, similarity)
+        if found is None:
+            return None
+        sure = confidence(found, fragment, verifier.mapped)
+        # No answer is listed above a likelier one.
+        order = np.lexsort((np.arange(len(found.rows)), -np.round(sure.probability, 9)))
+        order = np.concatenate([[0], order[order != 0]])
+        tested = found.rows[order]
+        rest = raw[~np.isin(raw, tested)]
+        probability = dict.fromkeys(rest.tolist(), 0.0)
+        probability.update(zip(tested.tolist(), sure.probability[order].tolist(), strict=True))
+        shown = np.concatenate([tested, rest])[:top_n]
+        separate = np.array(modes(tested, self._within), dtype=np.int64)
+        return Reranked(Ranking(shown, separate, probability, sure.in_map), found)
