@@ -58,7 +58,8 @@ class RadiusIndex:
         b, x, y = keys[row].tolist()
         near, positions = self._around((b, x, y))
         offset = positions - self._positions[row]
-        return near[np.einsum("ij,ij->i", offset, offset) <= self._radius**2]
+        found: Ints = near[np.einsum("ij,ij->i", offset, offset) <= self._radius**2]
+        return found
 
     def _around(self, cell: tuple[int, int, int]) -> tuple[Ints, NDArray[np.float64]]:
         """Rows of a cell and the eight around it, in rising order, and their positions (m)."""
