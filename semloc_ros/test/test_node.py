@@ -498,16 +498,19 @@ def test_a_building_that_has_changed_is_said_with_the_classes_that_are_responsib
     side = client().connect()
 
     def walk(change, begin):
-        for count, update in enumerate(updates(distance_m=30.0, rate_hz=1.2, full_every_s=1000.0), begin + 1):
+        for count, update in enumerate(updates(distance_m=30.0, rate_hz=2.0, full_every_s=1000.0), begin + 1):
             fields = {name: getattr(update, name) for name in update.__struct_fields__}
             things = [change(item) for item in update.objects]
             side.send(type(update)(**fields | {"objects": things}))
-            wait_for(lambda count=count: len(side.seen["/localiser/matches"]) == count, f"{count} matches")
+            for topic in ("matches", "attributions"):
+                seen = side.seen[f"/localiser/{topic}"]
+                wait_for(lambda seen=seen, count=count: len(seen) == count, f"{count} {topic}")
         return count
 
     end = walk(lambda item: item, 0)
     wait_for(lambda: message_of(side, "lost or changed?").startswith("as in the map"), "nothing unusual")
-    walk(lambda item: wire.Object(item.id, "lamp", item.position), end)
+    walk(lambda item: wire.Object(item.id, "lamp", item.position), end)  # as long as the window
+    time.sleep(1.5)
     wait_for(lambda: message_of(side, "lost or changed?").startswith("changed?"), "the change")
     status = side.diagnostics("lost or changed?")
     assert status.level == DiagnosticStatus.WARN
