@@ -176,11 +176,12 @@ def embed_graph(model: Model, arrays: GraphArrays, weights: Mapping[str, float] 
         arrays: the building.
         weights: object id -> what its features are multiplied by; 1 for those not named. An encoder that counts
             objects (`bag_of_words`, `rings`, `geodesic_attention` and the like) counts one of weight w as w objects.
-            `paper` is not linear in them: what an object's class says fades with its weight, but as a node it goes on
-            passing messages like one without a class, until it is taken out of the graph.
+            `paper` does not (``Encoder.counts_objects``): a fading object would go on passing messages, like a place.
+            There weights are left out; an object counts whole until it is taken out of the graph.
 
     """
     extraction, n_classes = model.encoder.extraction, model.encoder.n_classes
+    weights = weights if model.encoder.counts_objects else None
     if arrays.n_places == 0:
         return np.zeros((0, model.encoder.dimension), dtype=np.float32)
     if extraction.kind == "ego":

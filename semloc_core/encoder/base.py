@@ -71,6 +71,8 @@ class Encoder(nn.Module, ABC):
 
     name: ClassVar[str]
     config_type: ClassVar[type[msgspec.Struct]]
+    counts_objects: ClassVar[bool] = True
+    """Whether an object whose features are multiplied by w counts as w objects do; else weights are left out."""
     config: Any
     n_classes: int
 

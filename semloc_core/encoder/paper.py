@@ -58,6 +58,7 @@ class PaperEncoder(Encoder):
 
     name: ClassVar[str] = "paper"
     config_type = PaperConfig
+    counts_objects: ClassVar[bool] = False
     config: PaperConfig
 
     def __init__(self, config: PaperConfig | None, n_classes: int, generator: torch.Generator | None = None) -> None:

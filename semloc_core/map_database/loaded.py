@@ -147,6 +147,8 @@ class LoadedMap:
     @cached_property
     def _class_weights(self) -> torch.Tensor | None:
         """(C,) or None where all weigh 1."""
+        if not self.model.encoder.counts_objects:
+            return None
         changes = [unpack_history(building.history).classes for building in self.stored]
         weights = list(class_weights(changes, self.model.labelspace).values())
         return None if all(weight == 1.0 for weight in weights) else torch.tensor(weights, dtype=torch.float32)

@@ -292,3 +292,12 @@ def test_an_object_of_weight_two_counts_as_two(encoder):
     np.testing.assert_allclose(embed_graph(model, arrays, {key: 2.0}), embed_graph(model, twice), atol=1e-6)
     without = arrays.with_objects(np.arange(n) > 0)
     np.testing.assert_allclose(embed_graph(model, arrays, {key: 0.0}), embed_graph(model, without), atol=1e-6)
+
+
+def test_the_papers_encoder_leaves_weights_out():
+    """It does not count: scaled features would only blur what a node is."""
+    arrays, space = office()
+    model = Model(build_encoder("paper", {"hidden": 8, "heads": 1}, len(space)), space)
+    np.testing.assert_array_equal(
+        embed_graph(model, arrays, dict.fromkeys(arrays.object_ids, 0.3)), embed_graph(model, arrays)
+    )
