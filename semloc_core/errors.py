@@ -6,9 +6,20 @@ raises these and neither prints nor exits; the command line turns one into a sin
 
 from __future__ import annotations
 
+LONGEST = 1000
+
 
 class SemlocError(Exception):
-    """Base of every error that semloc raises on purpose."""
+    """Base of every error that semloc raises on purpose.
+
+    Its text is one printable line of at most 1000 characters, whatever a file or another machine put into it.
+    """
+
+    def __str__(self) -> str:
+        text = super().__str__()
+        if not text.isprintable():
+            text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text[: LONGEST + 1])
+        return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
 
 
 class MessageError(SemlocError):
