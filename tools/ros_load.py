@@ -28,6 +28,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import rclpy
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
@@ -45,7 +46,7 @@ from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import load
-localiser = Localiser(load(sys.argv[1]), LocaliserConfig(explain_rate_hz=0))
+localiser = Localiser(load(sys.argv[1]), LocaliserConfig(explain_rate_hz=0, **json.loads(sys.argv[2])))
 taken = []
 for text in sys.stdin:
     time.sleep(0.1)  # as often as the node is asked: caches and clock rates are then the same
@@ -68,7 +69,9 @@ HELD = 0.99
 class Load:
     """A localiser process, a publisher and a subscriber."""
 
-    def __init__(self, map_file: Path, explain_rate_hz: float, explainer: str = "attention") -> None:
+    def __init__(
+        self, map_file: Path, explain_rate_hz: float, explainer: str = "attention", others: dict[str, Any] | None = None
+    ) -> None:
         self.node = rclpy.create_node("load")
         self.sent: dict[int, float] = {}
         self.latency: dict[int, float] = {}
@@ -88,6 +91,8 @@ class Load:
         command = [sys.executable, "-c", "import sys; from semloc_ros.commands import localiser; sys.exit(localiser())"]
         command += ["--ros-args", "-p", f"map:={map_file.resolve()}"]
         command += ["-p", f"explain_rate_hz:={float(explain_rate_hz)}", "-p", f"explainer:={explainer}"]
+        for name, value in (others or {}).items():
+            command += ["-p", f"{name}:={value}"]
         self.process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.DEVNULL)
         try:
             while not (self._publisher.get_subscription_count() and self.node.count_publishers("/localiser/matches")):
@@ -217,9 +222,11 @@ def pooled(runs: list[tuple[dict[str, Any], list[float], list[float]]]) -> dict[
     return row
 
 
-def memory(map_file: Path, updates: list[wire.SceneGraphUpdate], total: int) -> dict[str, Any]:
+def memory(
+    map_file: Path, updates: list[wire.SceneGraphUpdate], total: int, others: dict[str, Any] | None = None
+) -> dict[str, Any]:
     """Resident memory after 1,000 updates and after many more, as fast as the node takes them."""
-    load, early = Load(map_file, 5.0), 0.0
+    load, early = Load(map_file, 5.0, others=others), 0.0
     try:
         begin = time.perf_counter()
         for i, update in enumerate(endless(updates, total)):
@@ -263,13 +270,15 @@ def main() -> None:
     parser.add_argument("--rates", type=float, nargs="*", default=[20.0, 30.0, 40.0, 60.0], help="tried in turn")
     parser.add_argument("--minute", type=float, default=60.0, help="seconds that each rate is tried for")
     parser.add_argument("--memory", type=int, default=0, metavar="UPDATES", help="also measure memory over so many")
+    parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE", help="other options of the localiser")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     # Ctrl-C is Python's: ROS's handler would end the context under the thread that spins.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     updates = deltas(options.run)
     texts = "\n".join(wire.encode(u).decode() for u in endless(updates, round(10 * options.seconds)))
-    command = [sys.executable, "-c", CORE, str(options.map)]
+    others = {name: yaml.safe_load(value) for name, value in (item.split("=", 1) for item in options.set)}
+    command = [sys.executable, "-c", CORE, str(options.map), json.dumps(others)]
     rows: list[dict[str, Any]] = []
     taken: list[list[float]] = []
     modes = {
@@ -283,7 +292,7 @@ def main() -> None:
         core = subprocess.run(command, input=texts, stdout=subprocess.PIPE, check=True, text=True)
         taken += json.loads(core.stdout)
         for scope, node in modes.items():
-            runs[scope].append(steady(options.map, updates, 10.0, options.seconds, **node))
+            runs[scope].append(steady(options.map, updates, 10.0, options.seconds, others=others, **node))
     decode_ms, encode_ms = 0.0, 0.0
     if taken:
         median, high = np.percentile(np.sum(taken, axis=1), [50, 99]).tolist()
@@ -302,7 +311,7 @@ def main() -> None:
             rows.append({"method": "node", "scope": f"10 Hz, {scope}"} | row)
             show(rows[-1])
     for rate in options.rates:
-        row = pooled([steady(options.map, updates, rate, options.minute, explain_rate_hz=5.0)])
+        row = pooled([steady(options.map, updates, rate, options.minute, explain_rate_hz=5.0, others=others)])
         row["held"] = row["applied"] == row["updates"] and row["answers"] >= HELD * row["updates"]
         rows.append({"method": "node", "scope": f"{rate:g} Hz, attention 5 Hz", "rate_hz": rate} | row)
         show(rows[-1])
@@ -311,11 +320,16 @@ def main() -> None:
         rows.append({"method": "node", "scope": "highest rate held", "rate_hz": max(held, default=0.0)})
         show(rows[-1])
     if options.memory:
-        rows.append({"method": "node", "scope": "memory"} | memory(options.map, updates, options.memory))
+        rows.append({"method": "node", "scope": "memory"} | memory(options.map, updates, options.memory, others))
         show(rows[-1])
     rclpy.try_shutdown()
     if options.json:
-        document = {"command": "ros_load", "seed": 0, "inputs": [options.map.name, options.run.name], "rows": rows}
+        document = {
+            "command": "ros_load",
+            "seed": 0,
+            "inputs": [options.map.name, options.run.name, *options.set],
+            "rows": rows,
+        }
         options.json.write_text(json.dumps(document, indent=1) + "\n")
 
 
