@@ -15,11 +15,14 @@ from semloc_core.evaluate.rows import Progress, Row, no_progress
 from semloc_core.explain.ego_cut import PlaceBatches
 from semloc_core.explain.explainers import EXPLAINERS, explain
 from semloc_core.explain.integrated_gradients import BASELINES, integrated_gradients
+from semloc_core.explain.scores import ObjectScores
 from semloc_core.explain.similarity import SimilarityQuery
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.model import Model, embed_graph
 
 Floats = NDArray[np.float64]
+FINER = 8
+"""How many times as many steps Integrated Gradients is tried with."""
 PLACES = 20
 """Places of a run that are explained anew for every shuffled layer."""
 
@@ -127,18 +130,21 @@ def randomisation_rows(
 def baseline_rows(
     model: Model, query: GraphArrays, reference: GraphArrays, places: Sequence[int], *, steps: int = 50
 ) -> list[Row]:
-    """How much Integrated Gradients hangs on its baseline: rank correlation of scores from each with those from zero.
+    """How much Integrated Gradients hangs on its baseline and on its steps: rank correlation with scores from zero.
 
     Returns:
-        A row a baseline: ``method``, ``scope`` (the baseline), ``way`` (``baseline``), ``spearman`` and ``gap``,
+        A row a baseline, and one of more steps: ``method``, ``scope`` (the baseline), ``way`` (``baseline``), ``spearman`` and ``gap``,
         the mean magnitude of the completeness gap over the places.
 
     """
     questions = list(_questions(model, query, reference, places))
-    found = {
+    found: dict[str, list[ObjectScores]] = {
         baseline: [integrated_gradients(question, steps=steps, baseline=baseline) for question in questions]
         for baseline in BASELINES
     }
+    found[f"zero, {FINER * steps} steps"] = [
+        integrated_gradients(question, steps=FINER * steps) for question in questions
+    ]
     return [
         {
             "method": "integrated_gradients",

@@ -20,7 +20,7 @@ def hypotheses(rows: Sequence[Row]) -> Section:
     """Verdicts first, then every claim with its interval."""
     found = overall(rows)
     said = "; ".join(f"({number}) {NAMES[number]}: {verdict}" for number, verdict in found.items())
-    keep = ("method", "scope", "verdict", "figure", "figure_low", "figure_high", "null")
+    keep = ("method", "verdict", "figure", "figure_low", "figure_high", "null")
     tables = []
     for claim in dict.fromkeys(str(row["claim"]) for row in rows):
         of_claim = [row for row in rows if row["claim"] == claim]
@@ -29,8 +29,8 @@ def hypotheses(rows: Sequence[Row]) -> Section:
         ]
         tables.append(
             Table(
-                f"Hypothesis {of_claim[0]['hypothesis']}: {claim}",
-                readable(plain, scope="classes", null="if not so"),
+                f"Hypothesis {of_claim[0]['hypothesis']}, {of_claim[0]['scope']}: {claim}",
+                readable(plain, null="if not so"),
             )
         )
     return Section(

@@ -136,7 +136,7 @@ def sanity(found: Introspection) -> Section | None:
                 "Attention does not look past its own layer: shuffling the last one (embed) can't change it.",
             ),
             Table(
-                "Integrated Gradients from other baselines: ρ with the zero baseline; size of the completeness gap",
+                "Integrated Gradients from other baselines, and with more steps: ρ with zero; completeness gap",
                 readable(
                     [
                         {k: v for k, v in row.items() if k not in ("way", "method")}

@@ -42,7 +42,8 @@ def test_an_explainer_that_ignores_the_model_is_found_out(variants, monkeypatch)
 
 def test_baselines(variants):
     rows = baseline_rows(make_model("paper"), *variants, [2, 8])
-    assert [row["scope"] for row in rows] == ["zero", "uniform", "mean"]
+    assert [row["scope"] for row in rows] == ["zero", "uniform", "mean", "zero, 400 steps"]
+    assert rows[3]["gap"] <= rows[0]["gap"] + 1e-5
     assert rows[0]["spearman"] == pytest.approx(1)
     assert all(row["gap"] < 0.05 for row in rows)
     assert torch.is_grad_enabled()
@@ -57,7 +58,7 @@ def test_both_checks_of_several_runs(variants):
         )
     assert {row["run"] for row in rows} == {1, 2}
     mean = mean_rows(rows)
-    assert len(mean) == len(rows) // 2 == 13
+    assert len(mean) == len(rows) // 2 == 14
     for row in mean:
         key = ("method", "scope", "way")
         same = [r["spearman"] for r in rows if all(r[k] == row[k] for k in key)]
