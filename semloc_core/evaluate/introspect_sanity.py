@@ -133,8 +133,8 @@ def baseline_rows(
     """How much Integrated Gradients hangs on its baseline and on its steps: rank correlation with scores from zero.
 
     Returns:
-        A row a baseline, and one of more steps: ``method``, ``scope`` (the baseline), ``way`` (``baseline``), ``spearman`` and ``gap``,
-        the mean magnitude of the completeness gap over the places.
+        A row a baseline, and one of more steps: ``method``, ``scope`` (the baseline), ``way`` (``baseline``),
+        ``spearman`` and ``gap``, the mean magnitude of the completeness gap over the places.
 
     """
     questions = list(_questions(model, query, reference, places))
