@@ -16,7 +16,6 @@ from semloc_core.cli.common import (
     LabelspaceOption,
     SynonymsOption,
     console,
-    join_synonyms,
     pick_labelspace,
     progress,
     show,
@@ -73,8 +72,8 @@ def build(
     """Build a map database: every place of every building, embedded; the file carries the model too."""
     if output.exists() and not force:
         raise MapError(f"expected a new file, or --force to replace one (got {output}, which exists)")
-    names, loaded, places = names_of(inputs, name), choose_model(model, inputs, pick_labelspace(labelspace)), 0
-    join_synonyms(loaded, synonyms)
+    names, places = names_of(inputs, name), 0
+    loaded = choose_model(model, inputs, pick_labelspace(labelspace), synonyms)
     with _fresh(output, loaded) as database, progress("embedding places") as bar:
         for i, (path, building) in enumerate(zip(inputs, names, strict=True)):
             bar(i, len(inputs), building)

@@ -78,8 +78,9 @@ class GeodesicAttentionEncoder(Encoder):
     A softmax would forget how many objects there are, and a plain sum would let the many drown the few: objects of
     one class in one band share √N instead of 1 or N (as in soft rings), and all heads together share one norm.
     What is in z is a sum over objects, so a similarity comes apart exactly (`contributions`), and the share of the
-    attention that an object gets is measured with the length of what it moves (Kobayashi et al., "Attention is Not
-    Only a Weight", EMNLP 2020), not by α alone.
+    attention that an object gets is measured by what α w brings to z along z, where that is positive (Ferrando et al.,
+    "Measuring the Mixing of Contextual Information in the Transformer", EMNLP 2022), not by α alone: its length
+    (Kobayashi et al., EMNLP 2020) is nearly the same for all objects, because what all places share goes to the bias.
 
     Trained from a discriminant start (`warm_start`): directions in which different places differ and two views of
     one place do not (Fisher's criterion), which takes seconds and no gradient.
@@ -127,7 +128,7 @@ class GeodesicAttentionEncoder(Encoder):
         counts = self._counts(batch, source, target, gaze)
         found = self._found(batch, counts)
         embedding = _unit(self.value(found))
-        reached = found * torch.linalg.vector_norm(self.value.weight, dim=0)  # ‖x_k w_k‖ of every head
+        reached = (found * (embedding @ self.value.weight)).clamp_min(0.0)  # x_k w_k·z of every head
         total = reached.sum(1, keepdim=True).clamp_min(TINY)
         of_objects = (reached / total)[:, : counts[0].numel()].view_as(counts)
         parts = self._share(batch, source, target, gaze, counts, of_objects)

@@ -66,6 +66,11 @@ def test_classes_that_no_general_encoder_knows_ask_for_a_model(semloc, home, tmp
     assert (code, err.count("\n")) == (2, 1)
     assert "--model" in err
     assert not (tmp_path / "odd.map").exists()
+    classes = sorted({thing.class_ for thing in graph.objects.values()})
+    (tmp_path / "names.yaml").write_text(json.dumps({"synonyms": {f"odd {class_}": class_ for class_ in classes}}))
+    told = semloc("map", "build", odd, "-o", tmp_path / "odd.map", "--synonyms", tmp_path / "names.yaml")
+    assert told[0] == 0, told[2]
+    assert "'coco' is used" in told[2]
 
 
 def test_numbers_for_classes_are_read_by_the_labelspace_given_not_by_the_general_encoders(

@@ -4,6 +4,7 @@ import pytest
 import torch
 from graph_batches import star_batch
 
+from semloc_core.encoder import discriminant
 from semloc_core.encoder.discriminant import Discriminant, Pairs
 from semloc_core.encoder.geodesic_attention import GeodesicAttentionConfig, GeodesicAttentionEncoder
 from semloc_core.errors import ConfigError, ModelError
@@ -127,8 +128,9 @@ def test_centres_and_widths_must_pair() -> None:
         GeodesicAttentionConfig(centres=(0.0, 1.0), widths=(1.0,))
 
 
-def test_the_discriminant_finds_the_direction_that_tells_places_apart() -> None:
+def test_the_discriminant_finds_the_direction_that_tells_places_apart(monkeypatch) -> None:
     """Signal along the first axis, noise along the second, both of the same variance over places."""
+    monkeypatch.setattr(discriminant, "SHRINKAGE", 1.0)
     generator = torch.Generator().manual_seed(0)
     places = torch.randn(400, 4, generator=generator)
     noise = torch.randn(400, 4, generator=generator) * torch.tensor([0.01, 3.0, 1.0, 1.0])
