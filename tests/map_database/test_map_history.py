@@ -13,7 +13,7 @@ from map_cases import ONE_LINE, make_building, make_map, make_model, same
 
 from semloc_core.errors import MapError
 from semloc_core.map_database import MapDatabase, describe, load
-from semloc_core.map_database.history import ClassChange, History, ObjectBelief, Traversal, move_rates
+from semloc_core.map_database.history import MOVE_RATE, ClassChange, History, ObjectBelief, Traversal, move_rates
 from semloc_core.map_database.schema import FORMAT_VERSION
 
 RUN = Traversal("run.mcap", 0.5, (1.0, 2.0, 0.0), 0.1, 3, 1, 2, 1, 0, 4)
@@ -100,12 +100,12 @@ def test_a_damaged_history_is_refused(path, data):
 
 def test_move_rates_shrink_to_the_rate_of_all_classes():
     unknown = move_rates([], ["chair"])["chair"]
-    assert unknown == pytest.approx(0.1)
+    assert unknown == pytest.approx(MOVE_RATE)
     counts = {"chair": ClassChange(20, 80), "couch": ClassChange(100, 0)}
     rates = move_rates([counts], ["chair", "couch", "lamp"])
     assert 0.7 < rates["chair"] < 0.8
     assert rates["couch"] < 0.02
-    assert rates["lamp"] == pytest.approx((4 * 0.1 + 80) / 204), "a class never seen moves as classes do"
+    assert rates["lamp"] == pytest.approx((4 * MOVE_RATE + 80) / 204), "a class never seen moves as classes do"
     few = move_rates([{**counts, "lamp": ClassChange(0, 1)}], ["lamp"])["lamp"]
     assert rates["lamp"] < few < 0.6, "one lamp that moved is no proof that lamps move"
     halves = {"chair": ClassChange(10, 40), "couch": ClassChange(50, 0)}
