@@ -61,6 +61,9 @@ def relocalise(
         list[Path] | None, typer.Option("--model", metavar="MODEL", help="Evaluate this trained model too.")
     ] = None,
     train: Annotated[bool, typer.Option(help="Train the paper's encoder on the maps and evaluate it too.")] = True,
+    verified: Annotated[
+        bool, typer.Option("--layout/--no-layout", help="Answers verified by layout too (rings and each model).")
+    ] = True,
     per_building: Annotated[bool, typer.Option(help="A row for each building.")] = True,
     seed: Seed = 0,
     json_file: Json = None,
@@ -71,7 +74,12 @@ def relocalise(
 
     with progress("evaluating") as bar:
         rows = evaluate_relocalise(
-            root, models=[Model.load(m) for m in model or []], train_paper=train, seed=seed, progress=bar
+            root,
+            models=[Model.load(m) for m in model or []],
+            train_paper=train,
+            verified=verified,
+            seed=seed,
+            progress=bar,
         )
     shown = rows if per_building else [row for row in rows if row["scope"] == "all"]
     show("evaluate relocalise", seed, [root], shown, json_file, title=str(root))

@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core.evaluate.rows import Row
 from semloc_core.graph_arrays import Floats
 
 BINS = 10
+KEPT = 0.9
+"""Share of the right answers that an acceptance threshold has to keep."""
 
 
 def expected_calibration_error(probability: Floats, right: NDArray[np.bool_], bins: int = BINS) -> float:
@@ -35,3 +38,12 @@ def reliability(probability: Floats, right: NDArray[np.bool_], bins: int = BINS)
         for b in range(bins)
         if (of == b).any()
     ]
+
+
+def accepted_share(home: Floats, foreign: Floats, right: NDArray[np.bool_]) -> Row:
+    """What a threshold on (Q,) scores that keeps `KEPT` of the right answers accepts of others; None where none is."""
+    if not right.any():
+        return {"foreign_accepted": None, "wrong_accepted": None}
+    threshold = np.quantile(home[right], 1 - KEPT, method="lower")
+    wrong = float((home[~right] >= threshold).mean()) if (~right).any() else None
+    return {"foreign_accepted": float((foreign >= threshold).mean()), "wrong_accepted": wrong}

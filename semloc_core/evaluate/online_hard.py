@@ -7,16 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from semloc_core.evaluate import metrics
+from semloc_core.evaluate.calibration import accepted_share
 from semloc_core.evaluate.fragments import answered, embed_walk, surroundings_along
-from semloc_core.evaluate.online_answers import Bools, OnlineWalk, Similarities, believed, steps_at, verdict
+from semloc_core.evaluate.online_answers import OnlineWalk, Similarities, believed, steps_at, verdict
 from semloc_core.evaluate.relocalise import Arena
 from semloc_core.evaluate.rows import Row
-from semloc_core.graph_arrays import Floats
 from semloc_core.model import Model, embed_graph
 from semloc_core.sequence import FilterConfig, MapModel, PlaceFilter
-
-KEPT = 0.9
-"""Share of the right answers that an acceptance threshold has to keep."""
 
 
 def judge_kidnapped(
@@ -113,15 +110,6 @@ def judge_foreign(
         for name in filters
         for k, metres in enumerate(scopes_m)
     ]
-
-
-def accepted_share(home: Floats, foreign: Floats, right: Bools) -> Row:
-    """What a threshold on (Q,) scores that keeps `KEPT` of the right answers accepts of others; None where none is."""
-    if not right.any():
-        return {"foreign_accepted": None, "wrong_accepted": None}
-    threshold = np.quantile(home[right], 1 - KEPT, method="lower")
-    wrong = float((home[~right] >= threshold).mean()) if (~right).any() else None
-    return {"foreign_accepted": float((foreign >= threshold).mean()), "wrong_accepted": wrong}
 
 
 class _Evidence:

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from semloc_core.evaluate import metrics
-from semloc_core.evaluate.calibration import expected_calibration_error
+from semloc_core.evaluate.calibration import accepted_share, expected_calibration_error
 from semloc_core.evaluate.fragments import answered, embed_walk, surroundings_along
 from semloc_core.evaluate.online_answers import Bools, OnlineWalk, believed, steps_at, verdict
-from semloc_core.evaluate.online_hard import accepted_share
 from semloc_core.evaluate.relocalise import Arena
 from semloc_core.evaluate.reranked import fragments_along, reranked, verified_evidence
 from semloc_core.evaluate.rows import Row

@@ -19,10 +19,13 @@ from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.encoder import build_encoder
 from semloc_core.errors import FileFormatError
 from semloc_core.evaluate import metrics
+from semloc_core.evaluate.calibration import accepted_share, expected_calibration_error
+from semloc_core.evaluate.reranked import layout_verifier, reranked, turned
 from semloc_core.evaluate.rows import Progress, Row, no_progress
 from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.hydra import HydraFile, read_hydra
 from semloc_core.labelspace import Labelspace, union
+from semloc_core.layout import fragment_of_arrays
 from semloc_core.model import Model, embed_graph
 from semloc_core.place_graph import extract_all
 from semloc_core.training.config import TrainConfig
@@ -71,6 +74,7 @@ def evaluate_relocalise(
     *,
     models: Sequence[Model] = (),
     train_paper: bool = True,
+    verified: bool = True,
     baselines: Sequence[str] = BASELINES,
     config: TrainConfig | None = None,
     radius_m: float = MATCH_RADIUS_M,
@@ -84,6 +88,10 @@ def evaluate_relocalise(
         models: trained models to judge too, each in its own labelspace; ``method`` is the encoder's name and the
             first digits of the model's hash.
         train_paper: train the paper's encoder on all maps (never on a query) and judge it too.
+        verified: judge rings and each model with answers verified by layout too, as method ``METHOD + layout``, each
+            query in a frame of its own; rows hold ``ece`` (`expected_calibration_error` of the probability of the
+            best match), and one of scope ``foreign`` says what is accepted (`accepted_share`, by that probability)
+            with the query's building left out of the database.
         baselines: encoders with nothing to train; what they count they count on the maps.
         config: options of the training; encoder and seed are overridden.
         radius_m: how near is right.
@@ -109,6 +117,8 @@ def evaluate_relocalise(
     for name in baselines:
         progress(done, total, name)
         rows += judge_arena(name, fitted(name, arena), arena, radius_m, seed)
+        if verified and name == "rings":
+            rows += judge_layout(name, fitted(name, arena), arena, radius_m, seed)
         done += 1
     if train_paper:
         begun = done
@@ -125,6 +135,8 @@ def evaluate_relocalise(
         progress(done, total, name)
         own = arena if model.labelspace.hash == labelspace.hash else make_arena(buildings, model.labelspace)
         rows += judge_arena(name, model, own, radius_m, seed)
+        if verified:
+            rows += judge_layout(name, model, own, radius_m, seed)
         done += 1
     progress(total, total, "done")
     return rows
@@ -178,6 +190,37 @@ def judge_arena(method: str, model: Model, arena: Arena, radius_m: float, seed: 
     of_building = np.repeat(np.arange(len(right)), [len(found) for found in right]).astype(np.int64)
     rows = [_row(method, "all", np.concatenate(right), rng, of_building if len(right) > 1 else None)]
     return rows + [_row(method, name, found, rng, None) for name, found in zip(names, right, strict=True)]
+
+
+def judge_layout(method: str, model: Model, arena: Arena, radius_m: float, seed: int) -> list[Row]:
+    """The rows of one method whose answers are verified by layout; see `evaluate_relocalise`."""
+    database = np.concatenate([embed_graph(model, graph) for graph in arena.maps])
+    positions, building = arena.positions, arena.building
+    verifier = layout_verifier(arena.maps, len(arena.labelspace))
+    right, sure, abroad = [], [], []
+    for index, query in enumerate(arena.queries):
+        frame = turned(query, np.random.default_rng([seed, index]))
+        fragments = [fragment_of_arrays(frame, place, verifier.config) for place in range(query.n_places)]
+        similarity = metrics.similarity_matrix(embed_graph(model, query), database)
+        said, said_abroad = np.zeros(len(fragments)), np.zeros(len(fragments))
+        best = reranked(verifier, fragments, similarity, chances=said)
+        if len(arena.queries) > 1:
+            reranked(verifier, fragments, similarity, building != index, said_abroad)
+        away = np.linalg.norm(positions[best] - query.place_positions[:, None], axis=2)
+        right.append((away <= radius_m) & (building[best] == index))
+        sure.append(said)
+        abroad.append(said_abroad)
+    name, rng = f"{method} + layout", np.random.default_rng(seed)
+    every = np.concatenate(right)
+    of_building = np.repeat(np.arange(len(right)), [len(found) for found in right]).astype(np.int64)
+    rows = [_row(name, "all", every, rng, of_building if len(right) > 1 else None)]
+    rows += [_row(name, query.name, found, rng, None) for query, found in zip(arena.queries, right, strict=True)]
+    for row, said, found in zip(rows, [np.concatenate(sure), *sure], [every, *right], strict=True):
+        row["ece"] = expected_calibration_error(said, found[:, 0])
+    if len(arena.queries) > 1:
+        accepted = accepted_share(np.concatenate(sure), np.concatenate(abroad), every[:, 0])
+        rows.append({"method": name, "scope": "foreign", "queries": len(every), **accepted})
+    return rows
 
 
 def _row(method: str, scope: str, right: NDArray[np.bool_], rng: np.random.Generator, groups: Ints | None) -> Row:

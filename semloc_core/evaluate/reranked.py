@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semloc_core.evaluate import metrics
-from semloc_core.evaluate.online_answers import Bools, Similarities
-from semloc_core.evaluate.walks import Walk
+from semloc_core.evaluate.walks import Bools, Walk
 from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.layout import Fragment, LayoutVerifier, Verified, fragment_of_arrays
 from semloc_core.layout.confidence import SHARPNESS, confidence
 from semloc_core.sequence import MapModel
+
+Similarities = NDArray[np.float32]
 
 
 def layout_verifier(maps: tuple[GraphArrays, ...], n_classes: int) -> LayoutVerifier:
