@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from semloc_core.report.colours import INK, SCALE, styles
+from semloc_core.report.colours import INK, SCALE, grouped, styles
 from semloc_core.report.drawing import WIDTH, bare, figure, shown
 
 Floats = NDArray[np.float64]
@@ -171,7 +171,7 @@ def shift_figure(classes: Sequence[str], shift: ArrayLike, drop: ArrayLike, corr
     """
     x, y = (np.asarray(values, dtype=np.float64).reshape(len(classes), -1) for values in (shift, drop))
     assert x.shape == y.shape, (x.shape, y.shape)
-    look = styles(classes)
+    look, own = styles(classes), grouped(classes)[0]
     with figure(3.6, WIDTH) as drawn:
         axes = drawn.add_subplot()
         bare(axes)
@@ -184,7 +184,8 @@ def shift_figure(classes: Sequence[str], shift: ArrayLike, drop: ArrayLike, corr
             # The name stands at the highest mark: a legend would make the reader match shapes.
             top = int(np.argmax(y[number]))
             at = (float(x[number, top]), float(y[number, top]))
-            axes.annotate(name, at, (0, 7), textcoords="offset points", ha="center", fontsize=9)
+            if name in own:  # more names than have looks of their own would be written over each other
+                axes.annotate(name, at, (0, 7), textcoords="offset points", ha="center", fontsize=9)
         axes.margins(0.14)
         axes.axhline(0.0, color=INK, alpha=0.4, linewidth=0.8)
         axes.set_xlabel("shift of attention (JSD / frequency)")

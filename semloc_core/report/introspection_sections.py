@@ -80,7 +80,7 @@ def importance(run: Run, methods: Sequence[str]) -> Section:
     known = np.flatnonzero(run.query.object_classes >= 0)
     classes = [space.classes[int(run.query.object_classes[i])] for i in known]
     values = {method: run.introspection.importance[method][known] for method in methods}
-    order = by_count(run)
+    order = by_weight(run)
     half = {m: int(np.searchsorted(np.cumsum(-np.sort(-v)), 0.5 * v.sum())) + 1 for m, v in values.items()}
     fewest = min(half, key=lambda m: half[m])
     rows: list[Row] = [
@@ -111,7 +111,7 @@ def importance(run: Run, methods: Sequence[str]) -> Section:
 
 def shift(runs: Sequence[Run], method: str) -> Section:
     """The paper's scatter of change in PR-AUC against the shift of attention."""
-    names = by_count(runs[0])
+    names = by_weight(runs[0])
     x = np.array([[run.scores(method)[name] for run in runs] for name in names])
     y = np.array([[run.scores(ABLATION)[name] for run in runs] for name in names])
     rho, low, high = spearman(x.mean(1), y.mean(1))
@@ -229,6 +229,13 @@ def place_query_matrices(found: Matrices) -> Section:
     )
 
 
-def by_count(run: Run) -> list[str]:
-    """Classes, the most frequent first: a class looks alike in all figures."""
-    return sorted(run.frequency, key=lambda name: (-run.frequency[name], name))
+def by_weight(run: Run) -> list[str]:
+    """Classes by what one object of theirs counts for, mean over the explainers: a class looks alike in all figures.
+
+    The first ones have looks of their own, so where there are many classes those are told apart that matter.
+    """
+
+    def weight(name: str) -> float:
+        return sum(of[name] for of in run.importance.values()) / run.frequency[name]
+
+    return sorted(run.frequency, key=lambda name: (-weight(name), name))
