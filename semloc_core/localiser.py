@@ -13,8 +13,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from semloc_core.answer import Localisation, Located, Query
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
-from semloc_core.encoder.base import Encoded
 from semloc_core.errors import SemlocError
 from semloc_core.explain import class_scores, object_scores
 from semloc_core.explain.explainers import explain
@@ -22,7 +22,7 @@ from semloc_core.explain.fidelity import own_fidelity
 from semloc_core.explain.similarity import SimilarityQuery
 from semloc_core.map_database import LoadedMap
 from semloc_core.name_counter import NameCounter
-from semloc_core.place_graph import Batch, extract
+from semloc_core.place_graph import extract
 from semloc_core.posterior import CANDIDATES, IN_MAP, Ranking, modes, place_probabilities
 from semloc_core.radius_index import RadiusIndex
 from semloc_core.reranker import Reranked, Reranker, verifier_of
@@ -41,55 +41,10 @@ from semloc_core.wire import (
     decode_update,
 )
 
+__all__ = ["EXPLAINER_SEED", "Localisation", "Localiser", "Located", "Query"]
+
 EXPLAINER_SEED = 0
 """Explainers that sample start from it at every answer: a replay explains as the node did, also from its middle."""
-
-
-@dataclass(frozen=True, eq=False)
-class Query:
-    """One question: where is ``place``, in the graph as it was after update ``seq``? Nothing in it changes later.
-
-    ``batch`` and ``encoded`` are None where there was nothing to embed; ``reason`` then says why.
-    """
-
-    stamp_ns: int
-    seq: int
-    place: str | None
-    batch: Batch | None = None
-    encoded: Encoded | None = None
-    class_names: tuple[str, ...] = ()
-    reason: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class Located:
-    """An answer: the message to publish, and what `Localiser.explain` needs to say why."""
-
-    query: Query
-    matches: PlaceMatches
-    map: LoadedMap
-    best_row: int | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Localisation:
-    """What one update led to.
-
-    Attributes:
-        outcome: what became of the update.
-        located: the answer; None where the update was dropped as a repeat.
-        attributions: why; None where none were due.
-
-    """
-
-    outcome: Outcome
-    located: Located | None = None
-    attributions: ClassAttributions | None = None
-
-    @property
-    def matches(self) -> PlaceMatches | None:
-        """The message to publish."""
-        return self.located.matches if self.located is not None else None
 
 
 @dataclass(eq=False)
@@ -255,18 +210,18 @@ class Localiser:
         if graph is None or self._visibility is None or not len(self.map.place_ids):
             return query
         if place is None:
-            return _because(query, "no query place")
+            return query.because("no query place")
         if place not in graph.places:
-            return _because(query, "the place asked for is not in the graph")
+            return query.because("the place asked for is not in the graph")
         if not graph.neighbours[place]:
-            return _because(query, "the query place is isolated")
+            return query.because("the query place is isolated")
         batch = self.map.weigh(extract(graph, self._visibility, model.labelspace, [place], model.encoder.extraction))
         if not bool(batch.is_object.any()):
-            return _because(query, "no object in reach of the query place")
+            return query.because("no object in reach of the query place")
         with torch.inference_mode():
             encoded = model.encoder.encode(batch)
         if not bool(encoded.embedding.any()):
-            return _because(query, "the encoder has nothing to say of this place")
+            return query.because("the encoder has nothing to say of this place")
         names = tuple(
             graph.objects[node].class_ if is_object else ""
             for node, is_object in zip(batch.node_ids, batch.is_object.tolist(), strict=True)
@@ -359,7 +314,3 @@ class Localiser:
             calibrated=self._reranker is not None,
             latency_ms=None,
         )
-
-
-def _because(query: Query, reason: str) -> Query:
-    return Query(query.stamp_ns, query.seq, query.place, reason=reason)

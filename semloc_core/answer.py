@@ -1,0 +1,62 @@
+"""A question to the localiser, its answer, and what one update led to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from semloc_core.encoder.base import Encoded
+from semloc_core.map_database import LoadedMap
+from semloc_core.place_graph import Batch
+from semloc_core.stream import Outcome
+from semloc_core.wire import ClassAttributions, PlaceMatches
+
+
+@dataclass(frozen=True, eq=False)
+class Query:
+    """One question: where is ``place``, in the graph as it was after update ``seq``? Nothing in it changes later.
+
+    ``batch`` and ``encoded`` are None where there was nothing to embed; ``reason`` then says why.
+    """
+
+    stamp_ns: int
+    seq: int
+    place: str | None
+    batch: Batch | None = None
+    encoded: Encoded | None = None
+    class_names: tuple[str, ...] = ()
+    reason: str = ""
+
+    def because(self, reason: str) -> Query:
+        """The same question, which has no answer for this reason."""
+        return Query(self.stamp_ns, self.seq, self.place, reason=reason)
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """An answer: the message to publish, and what `Localiser.explain` needs to say why."""
+
+    query: Query
+    matches: PlaceMatches
+    map: LoadedMap
+    best_row: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Localisation:
+    """What one update led to.
+
+    Attributes:
+        outcome: what became of the update.
+        located: the answer; None where the update was dropped as a repeat.
+        attributions: why; None where none were due.
+
+    """
+
+    outcome: Outcome
+    located: Located | None = None
+    attributions: ClassAttributions | None = None
+
+    @property
+    def matches(self) -> PlaceMatches | None:
+        """The message to publish."""
+        return self.located.matches if self.located is not None else None
