@@ -6,12 +6,15 @@ import torch
 from small_building import building_update, make_map, make_model
 
 from semloc_core import wire
-from semloc_core.config import MATCH_RADIUS_M
+from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
 from semloc_core.errors import GraphError
 from semloc_core.explain.explainers import EXPLAINERS
 from semloc_core.explain.pair import answer_request, explain_pair
 from semloc_core.localiser import Localiser
 from semloc_core.messages import ExplainRequest
+
+BY_SIMILARITY = LocaliserConfig(rerank="none")
+"""What is explained is the similarity: counterfactual and contrast are of the search's top match, not of layout's."""
 
 
 @pytest.fixture(scope="module", params=["paper", "rings", "bag_of_words"])
@@ -31,7 +34,7 @@ def ask(query=None, building=None, place=None, methods=None):
 
 @pytest.fixture
 def robot(town):
-    localiser = Localiser(town)
+    localiser = Localiser(town, BY_SIMILARITY)
     localiser.update(building_update(seed=0, query="p9"))
     return localiser
 
@@ -63,7 +66,7 @@ def test_a_counterfactual_holds_when_its_objects_are_really_gone(town):
     checked = 0
     for place in ("p3", "p9", "p14", "p20"):
         update = building_update(seed=0, query=place)
-        localiser = Localiser(town)
+        localiser = Localiser(town, BY_SIMILARITY)
         localiser.update(update)
         found = answer_request(localiser, ask(methods=["saliency"])).counterfactual
         if not found.removed:
@@ -77,7 +80,7 @@ def test_a_counterfactual_holds_when_its_objects_are_really_gone(town):
             edges=[e for e in update.edges if not gone & set(e)], query_place=place,
         )  # fmt: skip
         before = localiser.locate()
-        again = Localiser(town).update(rest).matches.matches[0]
+        again = Localiser(town, BY_SIMILARITY).update(rest).matches.matches[0]
         assert again.similarity == pytest.approx(found.similarity, abs=1e-5)
         if found.place != again.place:  # another place of the same similarity
             tied = town.embeddings[town.row(found.map, found.place)] @ town.embeddings[town.row(again.map, again.place)]
@@ -125,12 +128,12 @@ def test_what_can_not_be_answered_says_why_in_one_line(robot, request_, line):
 
 
 def test_no_graph(town):
-    answer = answer_request(Localiser(town), ask())
+    answer = answer_request(Localiser(town, BY_SIMILARITY), ask())
     assert "expected a query to explain" in answer.error
 
 
 def test_a_query_that_was_not_embedded_is_refused(town):
-    localiser = Localiser(town)
+    localiser = Localiser(town, BY_SIMILARITY)
     localiser.update(building_update(query=None))
     with pytest.raises(GraphError, match="no query place"):
         explain_pair(town, localiser.locate().query, 0)
