@@ -91,7 +91,7 @@ class Reranker:
             return None
         sure = confidence(found, fragment, verifier.mapped)
         # No answer is listed above a likelier one.
-        order = np.lexsort((np.arange(len(found.rows)), -np.round(sure.probability, 9)))
+        order = np.lexsort((np.arange(len(found.rows)), -sure.probability))
         order = np.concatenate([[0], order[order != 0]])
         tested = found.rows[order]
         rest = raw[~np.isin(raw, tested)]

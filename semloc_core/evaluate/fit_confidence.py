@@ -136,8 +136,7 @@ def _walked(
                 if rng.random() < TWINS:
                     asked = np.append(asked, building + n_buildings)
             only = np.isin(mapped.building, asked)
-            # Without an embedding: only the scan proposes.
-            answer = verifier.verify(fragment, np.zeros(mapped.n_places, dtype=np.float32), only)
+            answer = verifier.verify(fragment, only=only)
             if answer is None:
                 continue
             best = answer.rows[0]

@@ -22,11 +22,13 @@ from semloc_core.geodesic import ranges
 from semloc_core.graph_arrays import Floats, Ints
 from semloc_core.layout.fragment import Fragment
 from semloc_core.layout.mapped import MappedLayout
+from semloc_core.layout.vote import same_class
 
 ROUNDS = 4
 """Rounds of expectation–maximisation; they settle in two or three."""
 _SEEN_CELL = np.array([0.5, 0.5, 1.0])  # metres
-_PAD = 1e6  # metres: where objects lie that only fill up a row
+FAR = 3.0
+"""Pairs that are further apart to begin with than so many standard deviations are none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,97 +67,126 @@ def align(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats)
         heading: (T,) radians to begin with.
 
     """
-    config = mapped.config
-    there, classes = _mapped_around(mapped, rows)
+    config, t, n = mapped.config, len(rows), len(fragment.classes)
     invented = mapped.invented[fragment.classes]
-    same = (fragment.classes[:, None] == classes[:, None, :]) * (config.detected / (2 * np.pi * config.spread_m**2))
-    up = fragment.objects[:, 2, None] - there[:, None, :, 2]
-    same = same * np.exp(-0.5 * (up / config.height_spread_m) ** 2)  # (T, n, m)
-    shift = np.zeros((len(rows), 2))
-    turned = _turned(fragment.objects[:, :2], heading)
+    pairs = _pairs(mapped, fragment, rows, heading)
+    shift, at = np.zeros((t, 2)), pairs.which * n + pairs.seen
+    anchor = (config.spread_m / config.off_m) ** 2
     for _ in range(ROUNDS):
-        share = _densities(turned + shift[:, None], there, same, config.spread_m)
-        share /= (share.sum(axis=2) + invented)[:, :, None]
-        heading, shift = _fit(fragment.objects[:, :2], there[..., :2], share, (config.spread_m / config.off_m) ** 2)
-        turned = _turned(fragment.objects[:, :2], heading)
-    density = _densities(turned + shift[:, None], there, same, config.spread_m).sum(axis=2)
-    missing = config.detected * config.looked * _expected(mapped, fragment, there, classes, heading, shift)
-    places = np.empty((len(rows), len(fragment.places), 3))
-    places[..., :2] = _turned(fragment.places[:, :2], heading) + shift[:, None]
-    places[..., 2] = fragment.places[:, 2]
-    places += mapped.positions[rows][:, None]
+        density = pairs.densities(heading, shift, config.spread_m)
+        total = _sums(at, density, t * n) + np.tile(invented, t)
+        heading, shift = _fit(pairs, density / total[at], t, anchor)
+    density = _sums(at, pairs.densities(heading, shift, config.spread_m), t * n).reshape(t, n)
+    missing = config.detected * config.looked * _expected(mapped, fragment, rows, heading, shift)
+    return Aligned(
+        heading, shift, np.log1p(density / invented), missing, _walls(mapped, fragment, rows, heading, shift)
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """Pairs of a seen and a mapped object of one class that a pose near its beginning could bring together.
+
+    Args:
+        which: (K,) the pose.
+        seen: (K,) the seen object.
+        here: (K, 2) where it is from the robot, metres.
+        there: (K, 2) where the mapped one is from the map's place, metres.
+        height: (K,) density of a match but for what the plane says of it.
+
+    """
+
+    which: Ints
+    seen: Ints
+    here: Floats
+    there: Floats
+    height: Floats
+
+    def densities(self, heading: Floats, shift: Floats, spread_m: float) -> Floats:
+        """(K,) density of the mapped object at the seen one."""
+        c, s = np.cos(heading)[self.which], np.sin(heading)[self.which]
+        x, y = self.here.T
+        u = c * x - s * y + shift[self.which, 0] - self.there[:, 0]
+        v = s * x + c * y + shift[self.which, 1] - self.there[:, 1]
+        found: Floats = self.height * np.exp((u * u + v * v) * (-0.5 / spread_m**2))
+        return found
+
+
+def _pairs(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats) -> _Pairs:
+    config = mapped.config
+    which, seen, objects = same_class(mapped, fragment.classes, rows)
+    up = fragment.objects[seen, 2] - mapped.object_positions[objects, 2] + mapped.positions[rows[which], 2]
+    close = np.abs(up) <= FAR * config.height_spread_m
+    which, seen, objects, up = which[close], seen[close], objects[close], up[close]
+    here, there = fragment.objects[seen, :2], mapped.object_positions[objects, :2] - mapped.positions[rows[which], :2]
+    height = np.exp(-0.5 * (up / config.height_spread_m) ** 2) * (config.detected / (2 * np.pi * config.spread_m**2))
+    c, s = np.cos(heading)[which], np.sin(heading)[which]
+    x = c * here[:, 0] - s * here[:, 1] - there[:, 0]
+    y = s * here[:, 0] + c * here[:, 1] - there[:, 1]
+    near = x * x + y * y <= (FAR * (config.off_m + config.spread_m)) ** 2
+    return _Pairs(which[near], seen[near], here[near], there[near], height[near])
+
+
+def _fit(pairs: _Pairs, share: Floats, t: int, anchor: float) -> tuple[Floats, Floats]:
+    """Turn and shift that bring seen objects to their shares of mapped ones, in least squares (Umeyama 1991, 2D).
+
+    Args:
+        pairs: K pairs.
+        share: (K,) weights.
+        t: number of poses.
+        anchor: weight of the shift being none.
+
+    """
+
+    def sums(values: Floats) -> Floats:
+        return _sums(pairs.which, share * values, t)
+
+    total = _sums(pairs.which, share, t) + anchor
+    (x, y), (u, v) = pairs.here.T, pairs.there.T
+    mean_x, mean_y, mean_u, mean_v = (sums(values) / total for values in (x, y, u, v))
+    # Σ w (x − x̄)(u − ū)ᵀ, the anchor (x = u = 0) among them.
+    across = sums(x * v) - sums(y * u) - total * (mean_x * mean_v - mean_y * mean_u)
+    along = sums(x * u) + sums(y * v) - total * (mean_x * mean_u + mean_y * mean_v)
+    heading = np.arctan2(across, along)
+    c, s = np.cos(heading), np.sin(heading)
+    return heading, np.stack([mean_u - c * mean_x + s * mean_y, mean_v - s * mean_x - c * mean_y], axis=1)
+
+
+def _sums(index: Ints, values: Floats, n: int) -> Floats:
+    """(n,) sums of (K,) values by index."""
+    return np.bincount(index, values, n).astype(np.float64)
+
+
+def _walls(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats, shift: Floats) -> Floats:
+    """(T,) log-likelihood lost for known places where the map has no room."""
+    c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
+    x, y, z = fragment.places.T
+    origin = mapped.positions[rows]
+    at = np.empty((len(rows), len(fragment.places), 3))
+    at[..., 0] = c * x - s * y + (shift[:, 0] + origin[:, 0])[:, None]
+    at[..., 1] = s * x + c * y + (shift[:, 1] + origin[:, 1])[:, None]
+    at[..., 2] = z + origin[:, 2, None]
     walls = np.zeros(len(rows))
     for building in np.unique(mapped.building[rows]).tolist():
         room, mine = mapped.room(building), mapped.building[rows] == building
         if room is not None:
-            walls[mine] = room.at(places[mine]).sum(axis=1)
-    return Aligned(heading, shift, np.log1p(density / invented), missing, walls)
+            walls[mine] = room.at(at[mine]).sum(axis=1)
+    return walls
 
 
-def _mapped_around(mapped: MappedLayout, rows: Ints) -> tuple[Floats, Ints]:
-    """(T, m, 3) mapped objects around each place, relative to it, and (T, m) their classes; filled up with class -1."""
-    start, objects = mapped.objects_near
-    size = start[rows + 1] - start[rows]
-    there = np.full((len(rows), int(size.max(initial=0)), 3), _PAD)
-    classes = np.full(there.shape[:2], -1, dtype=np.int64)
-    taken = np.arange(there.shape[1]) < size[:, None]
-    found = objects[ranges(start[rows], size)]
-    there[taken] = mapped.object_positions[found] - np.repeat(mapped.positions[rows], size, axis=0)
-    classes[taken] = mapped.object_classes[found]
-    return there, classes
-
-
-def _turned(points: Floats, heading: Floats) -> Floats:
-    """(T, n, 2) points (n, 2) turned by each heading."""
-    c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
-    x, y = points.T
-    return np.stack([c * x - s * y, s * x + c * y], axis=-1)
-
-
-def _densities(at: Floats, there: Floats, same: Floats, spread_m: float) -> Floats:
-    """(T, n, m) density of each mapped object at each seen one, by their pose in the plane; ``same`` holds the rest."""
-    x = at[:, :, None, 0] - there[:, None, :, 0]
-    y = at[:, :, None, 1] - there[:, None, :, 1]
-    found: Floats = same * np.exp((x * x + y * y) * (-0.5 / spread_m**2))
-    return found
-
-
-def _fit(points: Floats, there: Floats, share: Floats, anchor: float) -> tuple[Floats, Floats]:
-    """Turn and shift that bring points to their shares of mapped objects, in least squares (Umeyama 1991, 2D).
-
-    Args:
-        points: (n, 2).
-        there: (T, m, 2).
-        share: (T, n, m) weights.
-        anchor: weight of the shift being none.
-
-    """
-    weight = share.sum(axis=2)
-    goal = share @ np.where(there < _PAD / 2, there, 0.0)  # (T, n, 2), each times its weight
-    total = weight.sum(axis=1) + anchor
-    mean_here = (weight @ points) / total[:, None]
-    mean_there = goal.sum(axis=1) / total[:, None]
-    # Σ w (x − x̄)(y − ȳ)ᵀ, the anchor (x = y = 0) among them.
-    cross = np.einsum("ni,tnj->tij", points, goal) - total[:, None, None] * mean_here[:, :, None] * mean_there[:, None]
-    heading = np.arctan2(cross[:, 0, 1] - cross[:, 1, 0], cross[:, 0, 0] + cross[:, 1, 1])
-    c, s = np.cos(heading), np.sin(heading)
-    x, y = mean_here.T
-    return heading.astype(np.float64), mean_there - np.stack([c * x - s * y, s * x + c * y], axis=-1)
-
-
-def _expected(
-    mapped: MappedLayout, fragment: Fragment, there: Floats, classes: Ints, heading: Floats, shift: Floats
-) -> Floats:
+def _expected(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats, shift: Floats) -> Floats:
     """(T,) how many of the mapped objects lie where the robot has looked."""
     seen, low = _seen(fragment.places, mapped.config.seen_within_m)
-    c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
-    x, y = there[..., 0] - shift[:, None, 0], there[..., 1] - shift[:, None, 1]
-    back = np.stack([c * x + s * y, c * y - s * x, there[..., 2]], axis=-1)
-    cells = np.floor((back - low) / _SEEN_CELL).astype(np.int64)
-    inside = ((cells >= 0) & (cells < np.array(seen.shape))).all(axis=-1) & (classes >= 0)
-    i, j, k = np.moveaxis(np.where(inside[..., None], cells, 0), -1, 0)
-    found: Floats = (inside & seen[i, j, k]).sum(axis=1).astype(np.float64)
-    return found
+    start, objects = mapped.objects_near
+    size = start[rows + 1] - start[rows]
+    which = np.repeat(np.arange(len(rows)), size)
+    x, y, z = (mapped.object_positions[objects[ranges(start[rows], size)]] - mapped.positions[rows[which]]).T
+    c, s = np.cos(heading)[which], np.sin(heading)[which]
+    x, y = x - shift[which, 0], y - shift[which, 1]
+    cells = np.floor((np.stack([c * x + s * y, c * y - s * x, z], axis=1) - low) / _SEEN_CELL).astype(np.int64)
+    inside = ((cells >= 0) & (cells < np.array(seen.shape))).all(axis=1)
+    i, j, k = cells[inside].T
+    return _sums(which[inside], seen[i, j, k].astype(np.float64), len(rows))
 
 
 def _seen(places: Floats, within_m: float) -> tuple[NDArray[np.bool_], Floats]:

@@ -112,7 +112,7 @@ def confidence(
     elsewhere = ~_together(verified, mapped)[0]
     chance = right * mass / mass[0]
     chance[elsewhere] = np.minimum(chance[elsewhere], max(in_map - right, 0.0))
-    return Confidence(np.minimum(chance, right), in_map)
+    return Confidence(np.round(np.minimum(chance, right), 9), in_map)
 
 
 def features(verified: Verified, fragment: Fragment, mapped: MappedLayout) -> Floats:
@@ -140,10 +140,18 @@ def features(verified: Verified, fragment: Fragment, mapped: MappedLayout) -> Fl
 
 
 def masses(verified: Verified, mapped: MappedLayout, sharpness: float = SHARPNESS) -> Floats:
-    """(T,) share of the belief that lies within the match radius of each place tested, in (0, 1]."""
+    """(T,) share in the belief of the best place within the match radius of each place tested, in (0, 1].
+
+    Belief is shared among answers, not among places: how many places of one answer were tested says nothing.
+    """
     weight = np.exp(sharpness * (verified.score - verified.score[0]))
-    found: Floats = _together(verified, mapped) @ (weight / weight.sum())
-    return np.minimum(found, 1.0)
+    together = _together(verified, mapped)
+    separate: list[int] = []
+    for place in range(len(weight)):  # best first
+        if not together[place, separate].any():
+            separate.append(place)
+    found: Floats = np.where(together, weight, 0.0).max(axis=1) / weight[separate].sum()
+    return found
 
 
 def _together(verified: Verified, mapped: MappedLayout) -> NDArray[np.bool_]:

@@ -65,14 +65,15 @@ class LayoutVerifier:
     def verify(
         self,
         fragment: Fragment,
-        similarity: NDArray[np.float32],
+        similarity: NDArray[np.float32] | None = None,
         only: NDArray[np.bool_] | None = None,
     ) -> Verified | None:
         """Put the likeliest places to the test.
 
         Args:
             fragment: what is around the robot.
-            similarity: (M,) of its embedding to every place of the map: it proposes too.
+            similarity: (M,) of its embedding to every place of the map: it proposes too. None: only the scan does,
+                and a map that is too large for one has no answer.
             only: (M,) bool, the places that the robot can be at; None for all.
 
         Returns:
@@ -82,6 +83,8 @@ class LayoutVerifier:
         if not len(fragment.classes) or not self.mapped.n_places:
             return None
         candidates = self._candidates(fragment, similarity, only)
+        if not len(candidates):
+            return None
         scores = heading_scores(self.mapped, fragment, candidates)
         at, of = self.mapped.positions[candidates], self.mapped.building[candidates]
         chosen, heading = best_poses(scores, at, of, self.config.fine, APART_M)
@@ -102,14 +105,28 @@ class LayoutVerifier:
             fitted.walls[order],
         )
 
-    def _candidates(self, fragment: Fragment, similarity: NDArray[np.float32], only: NDArray[np.bool_] | None) -> Ints:
+    def _candidates(
+        self, fragment: Fragment, similarity: NDArray[np.float32] | None, only: NDArray[np.bool_] | None
+    ) -> Ints:
         """(K,) rows to be tried, in rising order: the likeliest of the scan, and some of the most similar."""
-        proposals = [similarity] if self._scan is None else [self._scan.log_likelihood(fragment), similarity]
-        found = [
-            _largest(values, self.config.coarse if number == 0 else self.config.coarse // 5, only)
-            for number, values in enumerate(proposals)
-        ]
+        found = [np.zeros(0, dtype=np.int64)]
+        if self._scan is not None:
+            likelihood = self._scan.log_likelihood(fragment)
+            found.append(self._apart(_largest(likelihood, self.config.coarse, only), likelihood))
+        if similarity is not None:
+            k = self.config.coarse // 5 if self._scan is not None else self.config.coarse
+            found.append(self._apart(_largest(similarity, k, only), similarity))
         return np.unique(np.concatenate(found))
+
+    def _apart(self, rows: Ints, values: NDArray[np.float32]) -> Ints:
+        """The best of these places in each cell of `APART_M`: places beside one another make one pose."""
+        cells = np.floor(self.mapped.positions[rows] / APART_M)
+        key = np.column_stack([self.mapped.building[rows], cells])
+        order = np.lexsort((rows, -values[rows], *key.T))
+        ordered = key[order]
+        first = np.r_[True, (ordered[1:] != ordered[:-1]).any(axis=1)]
+        chosen: Ints = rows[order[first]]
+        return chosen
 
 
 def _largest(values: NDArray[np.float32], k: int, only: NDArray[np.bool_] | None) -> Ints:

@@ -17,7 +17,7 @@ def verifier(homes) -> LayoutVerifier:
 
 def ask(verifier, graph, place, only=None):
     fragment = fragment_of_arrays(graph, place, verifier.config)
-    return fragment, verifier.verify(fragment, np.zeros(verifier.mapped.n_places, dtype=np.float32), only)
+    return fragment, verifier.verify(fragment, only=only)
 
 
 def test_a_second_run_finds_itself_whatever_its_frame(homes, verifier):
