@@ -69,6 +69,7 @@ class Localiser:
         self._seq, self._stamp_ns = 0, 0
         self._explained_ns: int | None = None
         self._visibility: Visibility | None = None
+        self._answered: Located | None = None
         self._model_info = ModelInfo(name=self.map.model.encoder.name, hash=self.map.model.hash)
         self._index = RadiusIndex(self.map.positions, self.map.building_index, MATCH_RADIUS_M)
         self._odometry: Odometry | None = None
@@ -127,6 +128,7 @@ class Localiser:
         outcome, change = self.stream.apply(update)
         if outcome is Outcome.REPEATED:
             return outcome
+        self._answered = None
         self._seq, self._stamp_ns = update.seq, update.stamp_ns
         self._odometry = update.odometry
         graph = self.stream.graph
@@ -150,6 +152,25 @@ class Localiser:
             place: asked for instead of the query place.
 
         """
+        located = self._locate(place)
+        if place is None:
+            self._answered = located
+        return located
+
+    def ask(self, place: str | None = None) -> Located:
+        """The last answer where it is still that, else one for the graph as it is: a question is no observation.
+
+        Args:
+            place: asked about instead of the query place; of it alone, without what a filter knows.
+
+        """
+        last = self._answered
+        if last is not None and place in (None, last.query.place):
+            return last
+        graph = self.stream.graph
+        return self._locate(place or (graph.query_place if graph is not None else None))
+
+    def _locate(self, place: str | None) -> Located:
         query = self._embed(place)
         if query.encoded is None:
             if place is None:

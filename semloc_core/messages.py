@@ -95,7 +95,12 @@ class ModelInfo(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PlaceMatches(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Out: the top-N places. ``latency_ms`` is null in replay; ``calibrated`` says if the probabilities are."""
+    """Out: the top-N places. ``latency_ms`` is null in replay; ``calibrated`` says if the probabilities are.
+
+    ``status`` is ``unknown`` where there is nothing to go by (no ``matches``), and where the robot is probably in no
+    building of the map (``matches`` are the best of it). ``raw_matches`` is the similarity search's list where another
+    is published: verified by layout, or filtered.
+    """
 
     schema: Literal["semloc/place_matches/1"]
     stamp_ns: Int64
@@ -162,7 +167,8 @@ class ClassAttributions(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 class ExplainRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """In: explain a pair. Null ``query_place``: the last query; ``place``: its top match (of building ``map``).
 
-    ``methods`` names the explainers, null means all of them.
+    The top match is the one published, after verification by layout and a filter where these are on. ``methods`` names
+    the explainers, null means all of them.
     """
 
     schema: Literal["semloc/explain_request/1"]
@@ -193,8 +199,9 @@ class ObjectName(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename
 
 
 class Counterfactual(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Without the objects ``removed``, ``place`` of building ``map`` would be the top match.
+    """Without the objects ``removed``, ``place`` of building ``map`` would be the most similar place.
 
+    It is of the search by similarity alone: verification by layout and filters may make another place the top match.
     ``removed`` is empty, and the rest null, where no removal that was tried changes the top match.
     """
 
@@ -212,7 +219,11 @@ class ClassContrast(msgspec.Struct, frozen=True, forbid_unknown_fields=True, ren
 
 
 class WhyNot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Why the top match is (``map``, ``place``) and not the explained place, which is the ``rank``-th."""
+    """Why the top match is (``map``, ``place``) and not the explained place, which is the ``rank``-th.
+
+    Classes are compared by similarity. Where the explained place is the more similar of the two, layout or a filter
+    put it behind. A place that the answer does not list ranks behind those listed and those more similar.
+    """
 
     map: str
     place: Name

@@ -64,8 +64,8 @@ def explain(
     _print_matches(matches, query, result.located.query.reason)
     parts = [wire.encode(matches)] + ([wire.encode(result.attributions)] if result.attributions else [])
     if result.located.query.encoded is not None:
-        row = find_row(loaded, result.located.query, building, place)
-        explanation = explain_pair(loaded, result.located.query, row, methods=chosen)
+        row = find_row(result.located, building, place)
+        explanation = explain_pair(result.located, row, methods=chosen)
         _print_explanation(explanation)
         parts.append(wire.encode(explanation))
     elif place is not None:
@@ -119,6 +119,8 @@ def _print_explanation(explanation: Explanation) -> None:
         console.print(
             f"why it is only number {other.rank}, behind {other.map} {other.place} (similarity {other.similarity:.4f}):"
         )
+        if explanation.similarity is not None and explanation.similarity > other.similarity:
+            console.print("  It is the more similar of the two: what put it behind is how the objects lie.")
         for contrast in other.classes:
             whom = "this place" if contrast.score > 0 else "the top match"
             console.print(f"    {contrast.score:+.4f}  {contrast.class_}: for {whom}")
@@ -126,10 +128,11 @@ def _print_explanation(explanation: Explanation) -> None:
     if found is not None and found.removed:
         removed = _removed([(item.class_, item.id) for item in found.removed])
         console.print(
-            f"without {removed} the top match would be {found.map} {found.place} (similarity {found.similarity:.4f})"
+            f"by similarity alone, without {removed} the top match would be {found.map} {found.place} "
+            f"(similarity {found.similarity:.4f})"
         )
     elif found is not None:
-        console.print("no removal of objects that was tried changes the top match")
+        console.print("no removal of objects that was tried changes the top match by similarity")
 
 
 def _print_methods(methods: Sequence[MethodAttributions]) -> None:

@@ -90,9 +90,10 @@ def why_not(
     class_names: Sequence[str],
     z: NDArray[np.float32],
     row: int,
+    listed: Sequence[int],
     rng: np.random.Generator,
 ) -> WhyNot | None:
-    """Which classes speak for the top match and which for the place asked for.
+    """Which classes speak for the top match and which for the place asked for, as far as similarity goes.
 
     Shapley values of the classes in the game whose value is s(query, place) - s(query, top): the difference of two
     similarities is linear in the embedding, so every coalition is encoded once.
@@ -103,6 +104,7 @@ def why_not(
         class_names: N names of the query's nodes; those of places are not read.
         z: (D,) the query's embedding.
         row: the place asked for.
+        listed: rows of the answer, best first: the first is the top match.
         rng: for more classes than can be computed exactly.
 
     Returns:
@@ -110,19 +112,19 @@ def why_not(
 
     """
     everywhere = loaded.embeddings @ z
-    rows, similarity = loaded.search(z, 1)
-    top = int(rows[0])
+    top = listed[0]
     if top == row:
         return None
     direction = torch.from_numpy(loaded.embeddings[row] - loaded.embeddings[top])
     query = SimilarityQuery.from_perturbed(perturbed, direction, class_names)
+    ahead = {*listed, *np.flatnonzero(everywhere > everywhere[row]).tolist()}
     names, _ = query.class_players
     values = class_values(query, rng).values.tolist()
     order = sorted(range(len(names)), key=lambda i: (-abs(values[i]), names[i]))
     return WhyNot(
         map=loaded.buildings[int(loaded.building_index[top])],
         place=loaded.place_ids[top],
-        similarity=float(similarity[0]),
-        rank=1 + max(1, int(np.count_nonzero(everywhere > everywhere[row]))),
+        similarity=float(everywhere[top]),
+        rank=listed.index(row) + 1 if row in listed else 1 + len(ahead),
         classes=[ClassContrast(class_=names[i], score=values[i]) for i in order],
     )

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
+from semloc_core.answer import Located
 from semloc_core.errors import GraphError, MapError, SemlocError
 from semloc_core.explain.counterfactual import counterfactual, why_not
 from semloc_core.explain.explainers import EXPLAINERS, check_methods, explain
 from semloc_core.explain.fidelity import BUDGET, own_fidelity
 from semloc_core.explain.scores import class_scores, object_scores
 from semloc_core.explain.similarity import PerturbedEncoder, SimilarityQuery
-from semloc_core.map_database import LoadedMap
 from semloc_core.messages import ExplainRequest, Explanation, MethodAttributions
 
 if TYPE_CHECKING:  # the localiser explains its own answers
-    from semloc_core.localiser import Localiser, Query
+    from semloc_core.localiser import Localiser
 
 SEED = 0
 """Explainers that sample start from it at every request, so that the same question has the same answer."""
@@ -32,27 +32,22 @@ def answer_request(localiser: Localiser, request: ExplainRequest) -> Explanation
         request: which query and place; see `ExplainRequest`.
 
     """
-    query = localiser.locate(request.query_place).query
-    return answer_query(localiser.map, query, request, localiser.config.frame_id)
+    return answer_query(localiser.ask(request.query_place), request, localiser.config.frame_id)
 
 
-def answer_query(loaded: LoadedMap, query: Query, request: ExplainRequest, frame_id: str) -> Explanation:
-    """Answer a request on a query that was taken from the graph before: needs no graph, so any process can do it.
+def answer_query(located: Located, request: ExplainRequest, frame_id: str) -> Explanation:
+    """Answer a request on an answer that was given before: needs no graph, so any process can do it.
 
     Args:
-        loaded: the map that embedded the query.
-        query: of the place asked about (`semloc_core.localiser.Localiser.locate`).
+        located: the answer for the place asked about (`semloc_core.localiser.Localiser.ask`).
         request: its place, building and methods count.
         frame_id: of the message.
 
     """
     try:
-        if query.encoded is None:
-            raise GraphError(f"expected a query to explain (got none: {query.reason or 'no graph or no map'})")
-        row = find_row(loaded, query, request.map, request.place)
+        row = find_row(located, request.map, request.place)
         return explain_pair(
-            loaded,
-            query,
+            located,
             row,
             methods=request.methods,
             stamp_ns=request.stamp_ns,
@@ -74,23 +69,30 @@ def answer_query(loaded: LoadedMap, query: Query, request: ExplainRequest, frame
         )
 
 
-def find_row(loaded: LoadedMap, query: Query, building: str | None, place: str | None) -> int:
+def find_row(located: Located, building: str | None, place: str | None) -> int:
     """The row of the map place to explain.
 
     Args:
-        loaded: the map.
-        query: an embedded query.
+        located: an answer.
         building: None: any building.
-        place: None: the top match, of the building where one is given.
+        place: None: the answer's top match. Where a building is given, its first in the answer; if none of it is
+            listed there, its most similar place.
 
     Raises:
+        GraphError: the query was not embedded.
         MapError: no such place or building, or several buildings have a place of this id.
 
     """
+    loaded, query = located.map, located.query
+    if query.encoded is None or located.best_row is None:
+        raise GraphError(f"expected a query to explain (got none: {query.reason or 'no graph or no map'})")
+    if place is None and building is None:
+        return located.best_row
     if place is None:
-        assert query.encoded is not None
-        buildings = None if building is None else [building]
-        return int(loaded.search(query.encoded.embedding[0].numpy(), 1, buildings)[0][0])
+        for row in _listed(located):
+            if loaded.buildings[int(loaded.building_index[row])] == building:
+                return row
+        return int(loaded.search(query.encoded.embedding[0].numpy(), 1, [str(building)])[0][0])
     if building is not None:
         return loaded.row(building, place)
     rows = [row for row, name in enumerate(loaded.place_ids) if name == place]
@@ -100,9 +102,13 @@ def find_row(loaded: LoadedMap, query: Query, building: str | None, place: str |
     return rows[0]
 
 
+def _listed(located: Located) -> list[int]:
+    """Rows of an answer's matches, best first."""
+    return [located.map.row(match.map, match.place) for match in located.matches.matches]
+
+
 def explain_pair(
-    loaded: LoadedMap,
-    query: Query,
+    located: Located,
     row: int,
     *,
     methods: Sequence[str] | None = None,
@@ -113,9 +119,12 @@ def explain_pair(
 ) -> Explanation:
     """Explain a query and a place of the map by several methods, with a counterfactual and a contrast to the top match.
 
+    The top match is the answer's, after verification by layout where that is on. What is explained is the embedding's
+    similarity: methods, contrast and counterfactual say nothing of layout, and the counterfactual is of the search
+    by similarity alone.
+
     Args:
-        loaded: the map.
-        query: an embedded query, of an answer (`semloc_core.localiser.Located.query`).
+        located: an answer with an embedded query.
         row: row of the place in the map.
         methods: explainers; None: all.
         stamp_ns: of the message, nanoseconds.
@@ -130,6 +139,7 @@ def explain_pair(
     """
     methods = list(EXPLAINERS) if methods is None else methods
     check_methods(methods)
+    loaded, query = located.map, located.query
     if query.batch is None or query.encoded is None:
         raise GraphError(f"expected a query to explain (got none: {query.reason})")
     encoder, names = loaded.model.encoder, query.class_names
@@ -160,5 +170,5 @@ def explain_pair(
         similarity=question.full,
         methods=said,
         counterfactual=counterfactual(loaded, perturbed, names, z),
-        why_not=why_not(loaded, perturbed, names, z, row, np.random.default_rng(seed)),
+        why_not=why_not(loaded, perturbed, names, z, row, _listed(located), np.random.default_rng(seed)),
     )

@@ -129,10 +129,12 @@ def _localisation(worker: Worker, last: Answer | None, state: str, stale_after_s
     matches = last.located.matches
     if matches.status == "no_graph":
         return "error", "no graph: updates were missed, and no full update has come since"
-    if matches.status == "unknown":
+    if matches.status == "unknown" and not matches.matches:
         return "warn", f"unknown: {last.located.query.reason or 'nothing to go by'}"
     best = matches.matches[0]
     where = f"{best.map} ({', '.join(f'{x:.1f}' for x in best.position)}), probability {best.probability:.2f}"
+    if matches.status == "unknown":
+        return "warn", f"unknown: probably in no building of the map; the best of it is {where}"
     if matches.status == "ambiguous":
         rivals = [f"{r.map} ({', '.join(f'{x:.1f}' for x in r.position)})" for r in matches.rivals[:3]]
         return "warn", f"ambiguous: {where}" + (f", or {', or '.join(rivals)}" if rivals else "")

@@ -63,11 +63,11 @@ def reply_to(question: Question, loaded: LoadedMap) -> Reply:
     """Explain."""
     try:
         message: wire.ClassAttributions | wire.Explanation
+        located = Located(question.query, question.matches, loaded, question.best_row)
         if question.request is None:
-            located = Located(question.query, question.matches, loaded, question.best_row)
             message = Localiser(loaded, question.config).explain(located)
         else:
-            message = answer_query(loaded, question.query, question.request, question.config.frame_id)
+            message = answer_query(located, question.request, question.config.frame_id)
         return Reply(question.number, message, wire.encode(message).decode())
     except SemlocError as error:
         return Reply(question.number, error=str(error))

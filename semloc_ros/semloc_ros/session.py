@@ -97,13 +97,8 @@ class Session:
         """Have a request answered about the graph as it is now; None: the last query, by every explainer."""
         asked = request.query_place if request is not None else None
 
-        def locate(localiser: Localiser) -> Located:
-            graph = localiser.stream.graph
-            # The place is named also where it is the robot's own: a question is no observation of a filter's.
-            return localiser.locate(asked or (graph.query_place if graph is not None else None))
-
         try:
-            located = self.worker.call(locate)
+            located = self.worker.call(lambda localiser: localiser.ask(asked))
         except SemlocError:
             raise
         except Exception as error:  # a bug costs who asks an answer, not the robot its localiser

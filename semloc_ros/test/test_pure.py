@@ -16,12 +16,15 @@
 import threading
 import time
 from collections import Counter
+from types import SimpleNamespace
 
 import building
 import numpy as np
 import pytest
 from conftest import wait_for
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from semloc_ros.diagnostics import Diagnostics
+from semloc_ros.explaining import ExplainCounts
 from semloc_ros.pose import PLACE_STD_M, Consistency, pose_of
 from semloc_ros.worker import Worker
 from visualization_msgs.msg import Marker
@@ -362,3 +365,23 @@ def test_the_bridge_says_in_one_line_what_is_missing(capsys):
         assert capsys.readouterr().err.count("\n") == 1
     else:
         pytest.skip("hydra_msgs is installed here")
+
+
+# -- diagnostics ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("found", "reason", "words"),
+    [([], "no query place", "unknown: no query place"),
+     ([match(1, (1.0, 2.0, 0.5), 0.04)], "", "unknown: probably in no building of the map; the best of it is home (1.0,")],
+)  # fmt: skip
+def test_diagnostics_say_whether_unknown_is_nothing_to_go_by_or_another_building(assets, found, reason, words):
+    worker = Worker(Localiser(load(assets / "home.map")), lambda answer: None, lambda line: None)
+    worker.stop()
+    worker.updated_ns = time.monotonic_ns()
+    query = SimpleNamespace(reason=reason)
+    told = Diagnostics()
+    told.answered(SimpleNamespace(located=SimpleNamespace(matches=answer(*found, status="unknown"), query=query)), 1.0)
+    line = told.lines(worker, ExplainCounts(), None, "active", 60.0)[0]
+    assert line.level == "warn"
+    assert line.message.startswith(words)

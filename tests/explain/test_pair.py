@@ -14,7 +14,7 @@ from semloc_core.localiser import Localiser
 from semloc_core.messages import ExplainRequest
 
 BY_SIMILARITY = LocaliserConfig(rerank="none")
-"""What is explained is the similarity: counterfactual and contrast are of the search's top match, not of layout's."""
+"""A counterfactual is of the search by similarity alone."""
 
 
 @pytest.fixture(scope="module", params=["paper", "rings", "bag_of_words"])
@@ -34,7 +34,7 @@ def ask(query=None, building=None, place=None, methods=None):
 
 @pytest.fixture
 def robot(town):
-    localiser = Localiser(town, BY_SIMILARITY)
+    localiser = Localiser(town)
     localiser.update(building_update(seed=0, query="p9"))
     return localiser
 
@@ -59,6 +59,42 @@ def test_null_means_the_last_query_and_its_top_match(robot):
     assert [method.method for method in answer.methods] == ["saliency"]
     best_of_work = answer_request(robot, ask(building="work", methods=["saliency"]))
     assert best_of_work.match_map == "work"
+
+
+def test_the_top_match_is_the_published_one_not_the_most_similar(town):
+    """Some query's answer differs from the search's; there the published place is explained, and contrasted with."""
+    differ = 0
+    for place in [f"p{i}" for i in range(0, 24, 2)]:
+        robot = Localiser(town)
+        matches = robot.update(building_update(seed=0, query=place, length=24)).matches
+        published = matches.matches[0]
+        answer = answer_request(robot, ask(methods=["saliency"]))
+        assert (answer.match_map, answer.match_place) == (published.map, published.place)
+        assert answer.why_not is None
+        raw = matches.raw_matches[0]
+        if (raw.map, raw.place) == (published.map, published.place):
+            continue
+        differ += 1
+        why = answer_request(robot, ask(building=raw.map, place=raw.place, methods=["saliency"])).why_not
+        assert (why.map, why.place) == (published.map, published.place)
+        listed = [(match.map, match.place) for match in matches.matches]
+        if (raw.map, raw.place) in listed:
+            assert why.rank == listed.index((raw.map, raw.place)) + 1
+        else:
+            assert why.rank == len(listed) + 1  # nothing is more similar than it
+    assert differ > 0
+
+
+def test_a_question_is_of_the_filters_answer_and_no_observation_of_its(town):
+    robot, unasked = (Localiser(town, LocaliserConfig(filter="bayes")) for _ in range(2))
+    for seq, place in enumerate(["p4", "p5", "p6"]):
+        matches = [r.update(building_update(seed=0, query=place, seq=seq)).matches for r in (robot, unasked)]
+        assert matches[0] == matches[1]
+        top = matches[0].matches[0]
+        for query in (None, place):
+            answer = answer_request(robot, ask(query=query, methods=["saliency"]))
+            assert (answer.match_map, answer.match_place) == (top.map, top.place)
+        answer_request(robot, ask(query="p12", methods=["saliency"]))
 
 
 def test_a_counterfactual_holds_when_its_objects_are_really_gone(town):
@@ -128,12 +164,12 @@ def test_what_can_not_be_answered_says_why_in_one_line(robot, request_, line):
 
 
 def test_no_graph(town):
-    answer = answer_request(Localiser(town, BY_SIMILARITY), ask())
+    answer = answer_request(Localiser(town), ask())
     assert "expected a query to explain" in answer.error
 
 
 def test_a_query_that_was_not_embedded_is_refused(town):
-    localiser = Localiser(town, BY_SIMILARITY)
+    localiser = Localiser(town)
     localiser.update(building_update(query=None))
     with pytest.raises(GraphError, match="no query place"):
-        explain_pair(town, localiser.locate().query, 0)
+        explain_pair(localiser.locate(), 0)
