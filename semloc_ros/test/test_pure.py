@@ -373,7 +373,7 @@ def test_the_bridge_says_in_one_line_what_is_missing(capsys):
 @pytest.mark.parametrize(
     ("found", "reason", "words"),
     [([], "no query place", "unknown: no query place"),
-     ([match(1, (1.0, 2.0, 0.5), 0.04)], "", "unknown: probably in no building of the map; the best of it is home (1.0,")],
+     ([match(1, (1.0, 2.0, 0.5), 0.04)], "", "unknown: probably in no building of the map; the best of it is home")],
 )  # fmt: skip
 def test_diagnostics_say_whether_unknown_is_nothing_to_go_by_or_another_building(assets, found, reason, words):
     worker = Worker(Localiser(load(assets / "home.map")), lambda answer: None, lambda line: None)
