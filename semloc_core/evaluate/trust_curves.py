@@ -1,0 +1,130 @@
+"""What `semloc_core.evaluate.trust` found, as rows and as points of its pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semloc_core.evaluate import metrics
+from semloc_core.evaluate.calibration import BINS
+from semloc_core.evaluate.rows import Row
+from semloc_core.evaluate.trust import Judged, Study
+from semloc_core.graph_arrays import Floats
+
+STATUSES = ("match", "ambiguous", "unknown")
+LEAST = 5
+"""A tenth of the probabilities with fewer answers has no point in the diagram: its share would be noise."""
+
+
+def status_rows(study: Study) -> list[Row]:
+    """By metres walked: how many answers are right, what each status's share of the answers is, and how often right."""
+    rows: list[Row] = []
+    for scope in _scopes(study):
+        answers = [judged for judged in study.answers if judged.scope_m == scope]
+        row: Row = {
+            "method": "rings + layout",
+            "scope": f"{scope:g}m",
+            "queries": len(answers),
+            "right": float(np.mean([judged.right for judged in answers])),
+        }
+        for status in STATUSES:
+            right = [judged.right for judged in answers if judged.status == status]
+            row |= {status: len(right) / len(answers), f"{status}_right": float(np.mean(right)) if right else None}
+        rows.append(row)
+    return rows
+
+
+def success_points(study: Study, seed: int = 0) -> tuple[list[float], dict[str, list[tuple[float, float, float]]]]:
+    """Metres walked, and name -> (mean, low, high) at each, with 95 % bootstrap intervals over buildings."""
+    kinds: dict[str, Callable[[Judged], bool]] = {
+        "right": lambda judged: judged.right,
+        "right, by similarity alone": lambda judged: judged.alone_right,
+        "says match": lambda judged: judged.status == "match",
+        "says match and is wrong": lambda judged: judged.status == "match" and not judged.right,
+    }
+    curves: dict[str, list[tuple[float, float, float]]] = {}
+    for name, is_so in kinds.items():
+        rng = np.random.default_rng(seed)
+        curves[name] = []
+        for scope in _scopes(study):
+            answers = [judged for judged in study.answers if judged.scope_m == scope]
+            so = np.array([is_so(judged) for judged in answers])
+            groups = np.array([judged.building for judged in answers])
+            low, high = metrics.bootstrap_interval(so, rng, groups=groups if len(set(groups.tolist())) > 1 else None)
+            curves[name].append((float(so.mean()), low, high))
+    return _scopes(study), curves
+
+
+def reliability_points(answers: Sequence[Judged], seed: int = 0) -> list[tuple[float, float, float, float, float]]:
+    """(said, so, low, high, share of all) for each tenth of the probability with `LEAST` answers; 95 % by bootstrap."""
+    said = np.array([judged.probability for judged in answers])
+    right = np.array([judged.right for judged in answers])
+    groups = np.array([judged.building for judged in answers])
+    rng = np.random.default_rng(seed)
+    of = np.minimum((said * BINS).astype(np.int64), BINS - 1)
+    points = []
+    for b in range(BINS):
+        mine: NDArray[np.bool_] = of == b
+        if mine.sum() >= LEAST:
+            several = len(set(groups[mine].tolist())) > 1
+            low, high = metrics.bootstrap_interval(right[mine], rng, groups=groups[mine] if several else None)
+            points.append((float(said[mine].mean()), float(right[mine].mean()), low, high, float(mine.mean())))
+    return points
+
+
+@dataclass(frozen=True, eq=False)
+class Laid:
+    """A wrong answer, ready to be drawn; all in metres, each in its building's frame.
+
+    Args:
+        judged: the answer.
+        there: index of the building that it names.
+        path: (T, 2) the way walked.
+        answer: (2,) where it puts the robot.
+        seen_here: class -> (n, 2) seen objects where the robot is.
+        seen_there: the same, laid where the answer has them.
+
+    """
+
+    judged: Judged
+    there: int
+    path: Floats
+    answer: Floats
+    seen_here: dict[str, Floats]
+    seen_there: dict[str, Floats]
+
+
+def worst(study: Study, least_m: float = 5.0, most_m: float = 10.0) -> Laid | None:
+    """The wrong answer between two distances that was surest of itself; None where all are right."""
+    wrong = [
+        judged
+        for judged in study.answers
+        if not judged.right and judged.found is not None and least_m <= judged.scope_m <= most_m
+    ]
+    if not wrong:
+        return None
+    judged = max(wrong, key=lambda judged: (judged.probability, -judged.walk, -judged.scope_m))
+    found = judged.found
+    assert found is not None
+    way, row = study.walks[judged.walk].walk, int(found.rows[0])
+    index = {id_: i for i, id_ in enumerate(way.graph.object_ids)}
+    here = way.graph.object_positions[[index[id_] for id_ in judged.fragment.object_ids]][:, :2]
+    c, s = np.cos(found.heading[0]), np.sin(found.heading[0])
+    answer = study.arena.positions[row, :2] + found.shift[0]
+    there = judged.fragment.objects[:, :2] @ np.array([[c, s], [-s, c]]) + answer
+    names = np.array([study.arena.labelspace.classes[i] for i in judged.fragment.classes.tolist()])
+    return Laid(
+        judged=judged,
+        there=int(study.arena.building[row]),
+        path=way.truth()[: judged.step + 1, :2],
+        answer=answer,
+        seen_here={name: here[names == name] for name in sorted(set(names.tolist()))},
+        seen_there={name: there[names == name] for name in sorted(set(names.tolist()))},
+    )
+
+
+def _scopes(study: Study) -> list[float]:
+    return sorted({judged.scope_m for judged in study.answers})
