@@ -46,7 +46,7 @@ class Tracker:
         self.filter = PlaceFilter(self._model, config)
         self._observed: tuple[SceneGraph, int] | None = None
         self._stood: tuple[Position, bool] | None = None
-        self._in_map = 1.0
+        self._in_map = 0.0
 
     def observe(
         self,
@@ -55,7 +55,7 @@ class Tracker:
         similarity: NDArray[np.float32],
         odometry: Odometry | None,
         verified: Verified | None = None,
-        in_map: float = 1.0,
+        in_map: float | None = 1.0,
     ) -> None:
         """Take in the graph as it is; once, however often it is asked.
 
@@ -65,7 +65,8 @@ class Tracker:
             similarity: (M,) of the place's embedding to all places of the map.
             odometry: of the last update, or None.
             verified: what verification by layout made of it, or None.
-            in_map: P(the robot is in the map), by that verification.
+            in_map: P(the robot is in the map), by that verification; None where it had nothing to say: what it said
+                last still holds, and before it has said anything, nothing speaks for the map.
 
         """
         if self._observed is not None and self._observed[0] is graph and self._observed[1] == graph.version:
@@ -76,7 +77,7 @@ class Tracker:
         evidence = self._model.evidence(seen, similarity[None], self.filter.config)[0]
         if verified is not None:
             evidence = self._model.tested(evidence, verified.rows, verified.score.astype(np.float32), SHARPNESS)
-        self._in_map = in_map
+        self._in_map = self._in_map if in_map is None else in_map
         self.filter.update(evidence, self._walked(position, odometry is not None))
 
     def ranking(self, n: int) -> Ranking:

@@ -113,3 +113,27 @@ def test_a_map_without_scene_graphs_cannot_be_filtered(world):
     )  # fmt: skip
     with pytest.raises(MapError, match="expected a map loaded from a file"):
         Localiser(bare, BAYES)
+
+
+def test_where_nothing_fits_the_filter_alone_does_not_say_that_the_robot_is_in_the_map(world):
+    """A robot that stays where no object fits the map: its belief gathers somewhere, and is worth nothing."""
+    update = building_update(query="p12")
+    high = [msgspec.structs.replace(o, position=(*o.position[:2], 30.0)) for o in update.objects]
+    localiser = Localiser(world, BAYES)
+    for seq in range(5):
+        answer = localiser.update(msgspec.structs.replace(update, objects=high, seq=seq)).matches
+        assert answer.status == "unknown"
+    again = localiser.update(msgspec.structs.replace(update, seq=5)).matches
+    assert again.matches[0].probability > 0.0
+
+
+def test_what_verification_said_last_holds_while_it_is_silent(world):
+    localiser = Localiser(world, BAYES)
+    localiser.update(building_update(query="p12"))
+    tracker = localiser._tracker
+    assert tracker is not None
+    before = tracker._in_map
+    assert before > 0.0
+    update = building_update(query="p12", seq=1)
+    localiser.update(msgspec.structs.replace(update, objects=[], edges=update.edges[:29]))
+    assert tracker._in_map == before
