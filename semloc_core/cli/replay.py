@@ -24,6 +24,7 @@ def replay(
     top_n: Annotated[int, typer.Option(help=_HELP["top_n"])] = _DEFAULT.top_n,
     explain_rate_hz: Annotated[float, typer.Option(help=_HELP["explain_rate_hz"])] = _DEFAULT.explain_rate_hz,
     accept_probability: Annotated[float, typer.Option(help=_HELP["accept_probability"])] = _DEFAULT.accept_probability,
+    rerank: Annotated[str, typer.Option("--rerank", metavar="none|layout", help=_HELP["rerank"])] = _DEFAULT.rerank,
     filter_: Annotated[str, typer.Option("--filter", metavar="none|bayes", help=_HELP["filter"])] = _DEFAULT.filter,
     synonyms: SynonymsOption = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the closing table.")] = False,
@@ -46,6 +47,7 @@ def replay(
         top_n=top_n,
         explain_rate_hz=explain_rate_hz,
         accept_probability=accept_probability,
+        rerank=rerank,
         filter=filter_,
     )
     shown_ns: list[int] = []
