@@ -180,9 +180,14 @@ class Localiser:
         z = query.encoded.embedding[0].numpy()
         raw, everywhere = self._search(z)
         tested = self._test(query, everywhere, raw)
-        ranking = (self._track(query, everywhere, tested) if place is None else None) or raw
-        if tested is not None and ranking is raw:
+        believed = self._track(query, everywhere, tested) if place is None else None
+        calibrated = believed is None and self._reranker is not None
+        if believed is not None:
+            ranking = believed
+        elif tested is not None:
             ranking = tested.ranking
+        else:
+            ranking = raw if self._reranker is None else raw.doubted()
         best = int(ranking.rows[0])
         accepted = ranking.probability[best] >= self.config.accept_probability
         message = self._message(
@@ -191,6 +196,7 @@ class Localiser:
             matches=self._matches(ranking.rows, ranking, everywhere),
             rivals=[] if accepted else self._matches(ranking.rivals()[: self.config.top_n], ranking, everywhere),
             raw_matches=self._matches(raw.rows, raw, everywhere) if ranking is not raw else None,
+            calibrated=calibrated,
         )
         return Located(query, message, self.map, best)
 
@@ -216,7 +222,8 @@ class Localiser:
         if self._tracker is None or graph is None or query.place not in graph.places:
             return None
         if tested is None:
-            self._tracker.observe(graph, query.place, everywhere, self._odometry)
+            in_map = 1.0 if self._reranker is None else None
+            self._tracker.observe(graph, query.place, everywhere, self._odometry, in_map=in_map)
         else:
             in_map = tested.ranking.in_map
             self._tracker.observe(graph, query.place, everywhere, self._odometry, tested.verified, in_map)
@@ -319,6 +326,7 @@ class Localiser:
         matches: list[Match] | None = None,
         rivals: list[Match] | None = None,
         raw_matches: list[Match] | None = None,
+        calibrated: bool = False,
     ) -> PlaceMatches:
         return PlaceMatches(
             schema="semloc/place_matches/1",
@@ -332,6 +340,6 @@ class Localiser:
             rivals=rivals or [],
             map=MapInfo(name=self.map.name, hash=self.map.hash, places=len(self.map.place_ids)),
             model=self._model_info,
-            calibrated=self._reranker is not None,
+            calibrated=calibrated,
             latency_ms=None,
         )

@@ -32,6 +32,10 @@ class Ranking:
     probability: dict[int, float]
     in_map: float = 1.0
 
+    def doubted(self) -> Ranking:
+        """The same places of which nothing stood the test: none of them is likely."""
+        return Ranking(self.rows, self.rows[:1], dict.fromkeys(self.probability, 0.0), 0.0)
+
     def rivals(self) -> Ints:
         """Answers other than the first that are nearly as likely, by falling probability."""
         best = self.probability[int(self.rows[0])]

@@ -245,6 +245,25 @@ def test_a_building_that_the_map_does_not_have_is_told_from_one_that_it_has(tmp_
     assert abroad.count("unknown") > 0.5 * len(abroad)
 
 
+def test_where_nothing_fits_the_answer_is_unknown_whatever_the_similarity(world):
+    """The one couch stands on another floor of the map than of the robot's graph, straight above the place."""
+    place = {"id": "p0", "position": (0.0, 0.0, 0.0)}
+    beside = {"id": "p1", "position": (1.0, 0.0, 0.0)}
+    couch = wire.Object(id="o0", class_="couch", position=(0.0, 0.0, 30.0))
+    update = delta(0, places=[wire.Place(**place), wire.Place(**beside)], objects=[couch])
+    update = msgspec.structs.replace(update, full=True, query_place="p0", edges=[("p0", "p1"), ("p0", "o0")])
+    answer = ask(world, update).matches
+    assert answer.status == "unknown"
+    assert {m.probability for m in answer.matches} == {0.0}
+    assert answer.rivals == []
+    assert ask(world, update, rerank="none").matches.matches == answer.raw_matches
+
+
+def test_only_what_was_fitted_is_called_calibrated(world):
+    for config, calibrated in (({}, True), ({"rerank": "none"}, False), ({"filter": "bayes"}, False)):
+        assert ask(world, building_update(), **config).matches.calibrated == calibrated
+
+
 def test_a_map_without_scene_graphs_is_searched_all_the_same(world):
     bare = dataclasses.replace(world, stored=())
     answer = ask(bare, building_update()).matches
