@@ -11,14 +11,17 @@ from numpy.typing import NDArray
 
 from semloc_core.graph_arrays import Floats, Ints
 from semloc_core.layout.fragment import Fragment, thinned
-from semloc_core.layout.mapped import MappedLayout, pairs_within
+from semloc_core.layout.mapped import BLOCK_ROWS, MappedLayout, Nearby
 from semloc_core.observation import ObservationConfig, ObservationModel, Surroundings
 
 RING_CENTRES_M = np.array([0.0, 2.0, 4.0, 6.0, 8.5, 11.5])
 RING_WIDTHS_M = np.array([1.0, 1.0, 1.0, 1.2, 1.5, 1.8])
 MOST_PLACES = 50_000
 """A map with more places is not scanned: the embedding alone proposes."""
-_PLACES_AT_ONCE = 2048
+MOST_COUNTS = 8_000_000
+"""Places times classes: a scan takes some 100 bytes for each, half of them only while it is made."""
+STEP_M = 0.01
+"""Shares of rings are tabled in such steps: there are many more pairs than steps."""
 
 
 class CoarseScan:
@@ -33,19 +36,16 @@ class CoarseScan:
         self._n_classes, self._reach = mapped.n_classes, mapped.config.reach_m
         objects = np.zeros((mapped.n_places, mapped.n_classes, len(RING_CENTRES_M)), dtype=np.float32)
         room = np.zeros((mapped.n_places, len(RING_CENTRES_M)), dtype=np.float32)
-        start, found = mapped.objects_near
-        for first in range(0, mapped.n_places, _PLACES_AT_ONCE):
-            last = min(first + _PLACES_AT_ONCE, mapped.n_places)
-            chosen = slice(int(start[first]), int(start[last]))
-            owner = np.repeat(np.arange(first, last), np.diff(start[first : last + 1]))
-            self._count_objects(objects, mapped, owner, found[chosen])
-        for building in np.unique(mapped.building).tolist():
-            rows = np.flatnonzero(mapped.building == building)
+        table = _shares(STEP_M * (np.arange(round(self._reach / STEP_M) + 1, dtype=np.float64) + 0.5))
+        for first in range(0, mapped.n_places, BLOCK_ROWS):
+            _count_objects(objects[first : first + BLOCK_ROWS], mapped, first, table)
+        for building, rows in enumerate(mapped.rows):
             free = thinned(mapped.free_space(building))
-            for part in np.array_split(rows, max(1, len(rows) // _PLACES_AT_ONCE)):
-                here = mapped.positions[part]
-                i, j = pairs_within(here, free, self._reach, mapped.config.floor_m)
-                _add(room, part[i], _shares(_metres(here[i] - free[j])))
+            here = Nearby(mapped.positions[rows], free, self._reach, mapped.config.floor_m)
+            for first, last, i, _, metres in here.blocks():
+                at = (i - first) * len(table) + _step(metres)
+                counts = np.bincount(at, minlength=(last - first) * len(table)).reshape(-1, len(table))
+                room[rows.start + first : rows.start + last] = counts @ table
         self._model = ObservationModel(Surroundings(objects, room), ObservationConfig())
 
     def log_likelihood(self, fragment: Fragment) -> NDArray[np.float32]:
@@ -56,11 +56,28 @@ class CoarseScan:
         found: NDArray[np.float32] = self._model.log_likelihood(Surroundings(objects, room))[0]
         return found
 
-    def _count_objects(self, counts: NDArray[np.float32], mapped: MappedLayout, rows: Ints, objects: Ints) -> None:
-        offsets = mapped.object_positions[objects] - mapped.positions[rows]
-        metres = _metres(offsets)
-        near = (metres <= self._reach) & (np.abs(offsets[:, 2]) <= mapped.config.floor_m)
-        np.add.at(counts, (rows[near], mapped.object_classes[objects[near]]), _shares(metres[near]))
+
+def affordable(mapped: MappedLayout) -> bool:
+    """Whether a scan of this map is neither slow nor large."""
+    return mapped.n_places <= MOST_PLACES and mapped.n_places * mapped.n_classes <= MOST_COUNTS
+
+
+def _count_objects(counts: NDArray[np.float32], mapped: MappedLayout, row: int, table: NDArray[np.float32]) -> None:
+    """Add the objects around some places of the map, from a row on, to (N, C, R) counts."""
+    start, objects = mapped.objects_near
+    n, c, rings = counts.shape
+    near = objects[start[row] : start[row + n]]
+    of = np.repeat(np.arange(n), np.diff(start[row : row + n + 1]))
+    offsets = mapped.object_positions[near] - mapped.positions[row + of]
+    metres = _metres(offsets)
+    close = (metres <= mapped.config.reach_m) & (np.abs(offsets[:, 2]) <= mapped.config.floor_m)
+    shares, at = table[_step(metres[close])], of[close] * c + mapped.object_classes[near[close]]
+    for ring in range(rings):
+        counts[:, :, ring] = np.bincount(at, shares[:, ring], n * c).reshape(n, c)
+
+
+def _step(metres: Floats) -> Ints:
+    return (metres / STEP_M).astype(np.int64)
 
 
 def _metres(offsets: Floats) -> Floats:
@@ -74,11 +91,3 @@ def _shares(metres: Floats) -> NDArray[np.float32]:
     weight = np.exp(log - log.max(axis=1, keepdims=True, initial=-np.inf))
     found: NDArray[np.float32] = (weight / weight.sum(axis=1, keepdims=True)).astype(np.float32)
     return found
-
-
-def _add(table: NDArray[np.float32], rows: Ints, values: NDArray[np.float32]) -> None:
-    """Add (K, R) values to the given rows of a table; rows in rising order."""
-    if not len(rows):
-        return
-    first = np.flatnonzero(np.r_[True, rows[1:] != rows[:-1]])
-    table[rows[first]] += np.add.reduceat(values, first, axis=0)

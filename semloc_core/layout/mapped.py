@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core.geodesic import ranges
 from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.layout.config import LayoutConfig
 
@@ -18,7 +19,17 @@ Floats32 = NDArray[np.float32]
 ROOM_CELL_M = 0.5
 ROOM_LAYER_M = 1.0
 MOST_CELLS = 1 << 26
-"""A building whose free space has more cells (its coordinates are absurd) is judged by its objects alone."""
+CELLS_ANYWAY, CELLS_PER_PLACE = 1 << 20, 1 << 12
+"""A building whose free space has more cells than these allow (its coordinates are absurd) is judged by its objects
+alone: many such buildings must not fill the memory either."""
+MOST_NEAR = 1024
+"""Objects that count around a place of the map, the nearest: no building has as many, and their number is a cost."""
+MOST_IN_SQUARE = 4 * MOST_NEAR
+"""Objects in a square as wide as the reach that are looked at at all, the first by id."""
+BLOCK_ROWS = 256
+_BLOCK_PAIRS = 1 << 16
+_CELLS_PER_REACH = 2
+_STRIDE = 1 << 32
 FAR_M = 2.7
 """From so far on a place in a wall is no further from the map's free space."""
 
@@ -52,12 +63,12 @@ _CELL = np.array([ROOM_CELL_M, ROOM_CELL_M, ROOM_LAYER_M])
 
 
 def room_of(places: Floats, config: LayoutConfig) -> Room | None:
-    """The free space that (P, 3) places stand for; None where it has more than `MOST_CELLS` cells."""
+    """The free space that (P, 3) places stand for; None where it has too many cells."""
     outside = config.room_weight * _lost(FAR_M, config)
     margin = np.ceil(FAR_M / _CELL).astype(np.int64)
     low = places.min(axis=0) - margin * _CELL
     shape = np.floor((places.max(axis=0) - low) / _CELL) + margin + 1
-    if not np.isfinite(shape).all() or shape.prod() > MOST_CELLS:
+    if not np.isfinite(shape).all() or shape.prod() > min(MOST_CELLS, CELLS_ANYWAY + CELLS_PER_PLACE * len(places)):
         return None
     cost = np.full(shape.astype(np.int64), outside, dtype=np.float32)
     x, y, z = np.floor((places - low) / _CELL).astype(np.int64).T
@@ -98,9 +109,12 @@ class MappedLayout:
             [np.zeros((0, 3)), *(g.place_positions[r] for g, r in zip(graphs, rows, strict=True))]
         )
         self.building = np.repeat(np.arange(len(graphs)), [len(r) for r in rows]).astype(np.int64)
+        ends = np.concatenate([[0], np.cumsum([len(r) for r in rows])]).astype(np.int64)
+        self.rows = [slice(int(a), int(b)) for a, b in pairwise(ends)]
+        """The rows of each building."""
         self._places = [g.place_positions for g in graphs]
         self._rooms: dict[int, Room | None] = {}
-        known = [g.object_classes >= 0 for g in graphs]
+        known = [(g.object_classes >= 0) & _uncrowded(g.object_positions, config.reach_m) for g in graphs]
         self.object_positions: Floats = np.concatenate(
             [np.zeros((0, 3)), *(g.object_positions[k] for g, k in zip(graphs, known, strict=True))]
         )
@@ -130,47 +144,96 @@ class MappedLayout:
             self._rooms[building] = room_of(self._places[building], self.config)
         return self._rooms[building]
 
+    def prepare(self) -> None:
+        """Make all that queries need: none of them waits for it."""
+        _ = self.objects_near
+        for building in range(len(self._places)):
+            self.room(building)
+
     @cached_property
     def objects_near(self) -> tuple[Ints, Ints]:
-        """(M + 1,) starts and (K,) objects in reach of each place and a little more, by place, then object."""
+        """(M + 1,) starts and (K,) objects in reach of each place and a little more, by place: `MOST_NEAR` at most."""
         reach = self.config.reach_m + 4 * self.config.off_m + 2 * self.config.spread_m
-        start, found = [np.zeros(1, np.int64)], [np.zeros(0, np.int64)]
-        for building, run in enumerate(self._object_runs):
-            rows = np.flatnonzero(self.building == building)
-            pairs = pairs_within(self.positions[rows], self.object_positions[run], reach, self.config.floor_m + 1.5)
-            sizes = np.bincount(pairs[0], minlength=len(rows))
-            start.append(start[-1][-1] + np.cumsum(sizes))
-            found.append(pairs[1] + run.start)
-        return np.concatenate(start), np.concatenate(found)
+        sizes, found = [np.zeros(1, np.int64)], [np.zeros(0, np.int64)]
+        for rows, run in zip(self.rows, self._object_runs, strict=True):
+            near = Nearby(self.positions[rows], self.object_positions[run], reach, self.config.floor_m + 1.5)
+            for first, last, i, j, metres in near.blocks():
+                i, j = _nearest(i - first, j, metres)
+                sizes.append(np.bincount(i, minlength=last - first))
+                found.append(j + run.start)
+        return np.cumsum(np.concatenate(sizes)), np.concatenate(found)
 
 
-def pairs_within(a: Floats, b: Floats, reach_m: float, floor_m: float) -> tuple[Ints, Ints]:
-    """Indices of all pairs of (A, 3) and (B, 3) points that are near in the plane and in height, by a, then b.
+class Nearby:
+    """All pairs of (A, 3) and (B, 3) points that are near in the plane and in height, block by block.
 
     Costs about the number of pairs: only points in cells beside one another are compared.
+
+    Args:
+        a, b: the points, metres.
+        reach_m: in the plane.
+        floor_m: in height.
+
     """
-    none = np.zeros(0, dtype=np.int64)
-    if not len(a) or not len(b):
-        return none, none
-    cell_a, cell_b = (np.floor(np.clip(x[:, :2] / reach_m, -1e9, 1e9)).astype(np.int64) for x in (a, b))
-    by_cell: dict[tuple[int, int], list[int]] = {}
-    for i, (x, y) in enumerate(cell_b.tolist()):
-        by_cell.setdefault((x, y), []).append(i)
-    cells, inverse = np.unique(cell_a, axis=0, return_inverse=True)
-    inverse = inverse.reshape(-1)
-    order = np.argsort(inverse, kind="stable")
-    ends = np.cumsum(np.bincount(inverse, minlength=len(cells)))
-    found_a, found_b = [none], [none]
-    for (x, y), end, begin in zip(cells.tolist(), ends, np.r_[0, ends[:-1]], strict=True):
-        beside = [i for dx in (-1, 0, 1) for dy in (-1, 0, 1) for i in by_cell.get((x + dx, y + dy), ())]
-        if not beside:
-            continue
-        mine, theirs = order[begin:end], np.array(sorted(beside), dtype=np.int64)
-        off = a[mine][:, None] - b[theirs]
-        close = (off[..., 0] ** 2 + off[..., 1] ** 2 <= reach_m**2) & (np.abs(off[..., 2]) <= floor_m)
-        near_a, near_b = np.nonzero(close)
-        found_a.append(mine[near_a])
-        found_b.append(theirs[near_b])
-    all_a, all_b = np.concatenate(found_a), np.concatenate(found_b)
-    by_a = np.lexsort((all_b, all_a))
-    return all_a[by_a], all_b[by_a]
+
+    def __init__(self, a: Floats, b: Floats, reach_m: float, floor_m: float) -> None:
+        self._a, self._reach2, self._floor = np.ascontiguousarray(a.T), reach_m**2, floor_m
+        side = reach_m / _CELLS_PER_REACH
+        cell_a, cell_b = (np.floor(np.clip(x[:, :2] / side, -1e9, 1e9)).astype(np.int64) for x in (a, b))
+        key = cell_b[:, 0] * _STRIDE + cell_b[:, 1]
+        self._order = np.argsort(key, kind="stable").astype(np.int64)
+        self._b, key = np.ascontiguousarray(b[self._order].T), key[self._order]
+        # A column of cells is one run of the sorted points.
+        columns = np.arange(-_CELLS_PER_REACH, _CELLS_PER_REACH + 1)
+        middle = (cell_a[:, :1] + columns) * _STRIDE + cell_a[:, 1:]
+        self._low = np.searchsorted(key, middle - _CELLS_PER_REACH, side="left").astype(np.int64)
+        self._size = np.searchsorted(key, middle + _CELLS_PER_REACH, side="right").astype(np.int64) - self._low
+
+    @property
+    def compared(self) -> int:
+        """How many pairs are looked at: what it costs."""
+        return int(self._size.sum())
+
+    def blocks(self) -> Iterator[tuple[int, int, Ints, Ints, Floats]]:
+        """First and last row of ``a`` (half open), and of the pairs: index in ``a``, in ``b``, metres in the plane.
+
+        By ``a``, then by cell, then by ``b``; a block has `BLOCK_ROWS` rows at most.
+        """
+        ends = np.cumsum(self._size.sum(axis=1))
+        first = 0
+        while first < len(ends):
+            done = int(ends[first - 1]) if first else 0
+            last = int(np.searchsorted(ends, done + _BLOCK_PAIRS, side="right"))
+            last = min(max(last, first + 1), first + BLOCK_ROWS, len(ends))
+            sizes = self._size[first:last]
+            i = np.repeat(np.arange(first, last), sizes.sum(axis=1))
+            at = ranges(self._low[first:last].ravel(), sizes.ravel())
+            x, y, z = (there[at] - here[i] for here, there in zip(self._a, self._b, strict=True))
+            d2 = x * x + y * y
+            near = np.flatnonzero((d2 <= self._reach2) & (np.abs(z) <= self._floor))
+            yield first, last, i[near], self._order[at[near]], np.sqrt(d2[near])
+            first = last
+
+
+def _nearest(i: Ints, j: Ints, metres: Floats) -> tuple[Ints, Ints]:
+    """Of pairs by ``i``, the `MOST_NEAR` nearest of each; of those as near the first by ``j``."""
+    size = np.bincount(i) if len(i) else np.zeros(1, dtype=np.int64)
+    if size.max() <= MOST_NEAR:
+        return i, j
+    order = np.lexsort((j, np.round(metres, 6), i))
+    rank = np.arange(len(i)) - np.repeat(np.cumsum(size) - size, size)
+    kept = order[rank < MOST_NEAR]
+    return i[kept], j[kept]
+
+
+def _uncrowded(points: Floats, side_m: float) -> NDArray[np.bool_]:
+    """(N,) which of (N, 3) points are among the first `MOST_IN_SQUARE` of their square of the plane."""
+    kept = np.ones(len(points), dtype=np.bool_)
+    if len(points) > MOST_IN_SQUARE:
+        squares = np.floor(points[:, :2] / side_m)
+        order = np.lexsort(squares.T)
+        ordered = squares[order]
+        first = np.flatnonzero(np.r_[True, (ordered[1:] != ordered[:-1]).any(axis=1)])
+        size = np.diff(np.r_[first, len(points)])
+        kept[order] = np.arange(len(points)) - np.repeat(first, size) < MOST_IN_SQUARE
+    return kept

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.layout.align import align
-from semloc_core.layout.coarse import MOST_PLACES, CoarseScan
+from semloc_core.layout.coarse import CoarseScan, affordable
 from semloc_core.layout.config import LayoutConfig
 from semloc_core.layout.fragment import Fragment
 from semloc_core.layout.mapped import MappedLayout
@@ -60,7 +60,8 @@ class LayoutVerifier:
     ) -> None:
         self.config = config or LayoutConfig()
         self.mapped = MappedLayout(graphs, rows, n_classes, self.config)
-        self._scan = CoarseScan(self.mapped) if self.mapped.n_places <= MOST_PLACES else None
+        self.mapped.prepare()
+        self._scan = CoarseScan(self.mapped) if affordable(self.mapped) else None
 
     def verify(
         self,

@@ -1,16 +1,36 @@
 """The map laid out for verification, against brute force."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from semloc_core.layout import LayoutConfig, MappedLayout
-from semloc_core.layout.mapped import ROOM_CELL_M, pairs_within, room_of
+from semloc_core.layout import LayoutConfig, LayoutVerifier, MappedLayout, fragment_of_arrays, mapped
+from semloc_core.layout.mapped import ROOM_CELL_M, Nearby, room_of
 
 CONFIG = LayoutConfig()
 
 
+def pairs_within(a, b, reach_m, floor_m):
+    """All blocks in one; each is checked to be of the rows that it says."""
+    found, done = [], 0
+    for first, last, i, j, metres in Nearby(a, b, reach_m, floor_m).blocks():
+        assert first == done
+        done = last
+        assert ((first <= i) & (i < last)).all()
+        assert (np.diff(i) >= 0).all()
+        np.testing.assert_allclose(metres, np.hypot(*(a[i] - b[j])[:, :2].T))
+        found.append(np.stack([i, j]))
+    assert done == len(a)
+    i, j = np.concatenate([np.zeros((2, 0), np.int64), *found], axis=1)
+    order = np.lexsort((j, i))
+    return i[order], j[order]
+
+
 @pytest.mark.parametrize("seed", range(3))
-def test_pairs_are_those_of_a_comparison_of_all_with_all(seed):
+def test_pairs_are_those_of_a_comparison_of_all_with_all(seed, monkeypatch):
+    if seed:  # blocks of a few rows, and of one
+        monkeypatch.setattr(mapped, "_BLOCK_PAIRS", (200, 1)[seed - 1])
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(-20, 20, (60, 3)), rng.uniform(-20, 20, (80, 3))
     off = a[:, None] - b[None]
@@ -44,7 +64,31 @@ def test_room_costs_nothing_where_the_map_has_it_and_most_far_away(homes):
 
 
 def test_absurd_coordinates_do_not_fill_the_memory():
-    assert room_of(np.array([[0.0, 0, 0], [1e9, 1e9, 0]]), CONFIG) is None
+    for far in (2e3, 1e9):
+        assert room_of(np.array([[0.0, 0, 0], [far, far, 0]]), CONFIG) is None
+
+
+def test_ten_thousand_objects_at_one_point_count_as_many_as_a_place_has_at_most(homes):
+    graph = homes[0][0]
+    crowd, rng = 10_000, np.random.default_rng(0)
+    at = graph.place_positions[0]
+    crowded = dataclasses.replace(
+        graph,
+        object_ids=tuple(f"{n:05}" for n in range(crowd)),
+        object_positions=at + rng.uniform(-0.5, 0.5, (crowd, 3)),
+        object_classes=np.zeros(crowd, dtype=np.int64),
+        object_parents=np.zeros((2, 0), dtype=np.int64),
+        sightings=np.zeros((2, 0), dtype=np.int64),
+    )
+    verifier = LayoutVerifier([crowded], [np.arange(graph.n_places)], len(homes[2]))
+    start, found = verifier.mapped.objects_near
+    assert np.diff(start).max() == mapped.MOST_NEAR
+    around = verifier.mapped.object_positions[found[: start[1]]] - at
+    metres = np.linalg.norm(verifier.mapped.object_positions[:, :2] - at[:2], axis=1)
+    assert np.hypot(*around[:, :2].T).max() <= np.sort(np.round(metres, 6))[mapped.MOST_NEAR - 1] + 1e-6
+    answer = verifier.verify(fragment_of_arrays(crowded, 0, CONFIG))
+    assert answer is not None
+    assert np.isfinite(answer.score).all()
 
 
 def test_objects_near_a_place_are_found_and_unknown_classes_are_not(homes):
