@@ -13,6 +13,7 @@ from semloc_core.graph_arrays import GraphArrays
 from semloc_core.layout import LayoutVerifier, Verified, fragment_of_graph
 from semloc_core.layout.confidence import confidence
 from semloc_core.map_database import LoadedMap
+from semloc_core.map_database.weights import class_weights, object_weights
 from semloc_core.posterior import Ranking, modes
 from semloc_core.scene_graph import SceneGraph
 
@@ -30,13 +31,17 @@ def verifier_of(loaded: LoadedMap) -> LayoutVerifier | None:
 
 def _make(loaded: LoadedMap) -> LayoutVerifier:
     labelspace = loaded.model.labelspace
-    graphs, rows = [], []
+    graphs, rows, weights = [], [], []
+    of_class = class_weights((loaded.history(building).classes for building in loaded.buildings), labelspace)
     for building in loaded.buildings:
-        arrays = GraphArrays.from_scene_graph(loaded.graph(building), labelspace, building)
+        graph = loaded.graph(building)
+        arrays = GraphArrays.from_scene_graph(graph, labelspace, building)
+        by_id = object_weights(graph, labelspace, loaded.history(building), of_class)
+        weights.append(np.array([by_id[key] for key in arrays.object_ids], dtype=np.float64))
         index = {place: i for i, place in enumerate(arrays.place_ids)}
         graphs.append(arrays)
         rows.append(np.array([index[p] for p in loaded.place_ids[loaded.rows_of(building)]], dtype=np.int64))
-    return LayoutVerifier(graphs, rows, len(labelspace))
+    return LayoutVerifier(graphs, rows, len(labelspace), weights=weights)
 
 
 @dataclass(frozen=True, eq=False)

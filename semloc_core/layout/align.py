@@ -4,8 +4,8 @@ The seen objects are taken as a Poisson process in the plane: where the map has 
 probability ``detected`` and displaced by a Gaussian; everywhere else invented, at a rate a square metre. Against all
 invented, the log-likelihood ratio of what is seen is
 
-    Σ_i log(1 + detected · Σ_j N(T x_i; y_j, spread) / invented_class(i))    what the map explains
-    − detected · looked · |{j : T⁻¹ y_j near a known place}|                          what should have been seen too
+    Σ_i log(1 + Σ_j detected(j) · N(T x_i; y_j, spread) / invented_class(i))    what the map explains
+    − looked · Σ_j detected(j) [T⁻¹ y_j near a known place]                           what should have been seen too
     − Σ_k cost of the room at T p_k                                          where the map has no room
 
 with x seen objects, y mapped ones of the same class, p known places and T the pose (turn about gravity, shift).
@@ -77,7 +77,7 @@ def align(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats)
         total = _sums(at, density, t * n) + np.tile(invented, t)
         heading, shift = _fit(pairs, density / total[at], t, anchor)
     density = _sums(at, pairs.densities(heading, shift, config.spread_m), t * n).reshape(t, n)
-    missing = config.detected * config.looked * _expected(mapped, fragment, rows, heading, shift)
+    missing = config.looked * _expected(mapped, fragment, rows, heading, shift)
     return Aligned(
         heading, shift, np.log1p(density / invented), missing, _walls(mapped, fragment, rows, heading, shift)
     )
@@ -119,7 +119,9 @@ def _pairs(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats
     close = np.abs(up) <= FAR * config.height_spread_m
     which, seen, objects, up = which[close], seen[close], objects[close], up[close]
     here, there = fragment.objects[seen, :2], mapped.object_positions[objects, :2] - mapped.positions[rows[which], :2]
-    height = np.exp(-0.5 * (up / config.height_spread_m) ** 2) * (config.detected / (2 * np.pi * config.spread_m**2))
+    height = (
+        np.exp(-0.5 * (up / config.height_spread_m) ** 2) * mapped.detected[objects] / (2 * np.pi * config.spread_m**2)
+    )
     c, s = np.cos(heading)[which], np.sin(heading)[which]
     x = c * here[:, 0] - s * here[:, 1] - there[:, 0]
     y = s * here[:, 0] + c * here[:, 1] - there[:, 1]
@@ -175,18 +177,19 @@ def _walls(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats
 
 
 def _expected(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats, shift: Floats) -> Floats:
-    """(T,) how many of the mapped objects lie where the robot has looked."""
+    """(T,) how many of the mapped objects that lie near known places would be detected."""
     seen, low = _seen(fragment.places, mapped.config.seen_within_m)
     start, objects = mapped.objects_near
     size = start[rows + 1] - start[rows]
     which = np.repeat(np.arange(len(rows)), size)
-    x, y, z = (mapped.object_positions[objects[ranges(start[rows], size)]] - mapped.positions[rows[which]]).T
+    taken = objects[ranges(start[rows], size)]
+    x, y, z = (mapped.object_positions[taken] - mapped.positions[rows[which]]).T
     c, s = np.cos(heading)[which], np.sin(heading)[which]
     x, y = x - shift[which, 0], y - shift[which, 1]
     cells = np.floor((np.stack([c * x + s * y, c * y - s * x, z], axis=1) - low) / _SEEN_CELL).astype(np.int64)
     inside = ((cells >= 0) & (cells < np.array(seen.shape))).all(axis=1)
     i, j, k = cells[inside].T
-    return _sums(which[inside], seen[i, j, k].astype(np.float64), len(rows))
+    return _sums(which[inside], seen[i, j, k] * mapped.detected[taken[inside]], len(rows))
 
 
 def _seen(places: Floats, within_m: float) -> tuple[NDArray[np.bool_], Floats]:

@@ -71,7 +71,9 @@ def _count_objects(counts: NDArray[np.float32], mapped: MappedLayout, row: int, 
     offsets = mapped.object_positions[near] - mapped.positions[row + of]
     metres = _metres(offsets)
     close = (metres <= mapped.config.reach_m) & (np.abs(offsets[:, 2]) <= mapped.config.floor_m)
-    shares, at = table[_step(metres[close])], of[close] * c + mapped.object_classes[near[close]]
+    stays = mapped.detected[near[close]] / mapped.config.detected
+    shares = table[_step(metres[close])] * stays[:, None]
+    at = of[close] * c + mapped.object_classes[near[close]]
     for ring in range(rings):
         counts[:, :, ring] = np.bincount(at, shares[:, ring], n * c).reshape(n, c)
 

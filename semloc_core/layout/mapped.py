@@ -98,11 +98,17 @@ class MappedLayout:
         rows: for each building the indices of its places that are in the map, in the order of the map's rows.
         n_classes: C.
         config: how far surroundings count.
+        weights: for each building the probability that each of its objects is still there; None: all surely are.
 
     """
 
     def __init__(
-        self, graphs: Sequence[GraphArrays], rows: Sequence[Ints], n_classes: int, config: LayoutConfig
+        self,
+        graphs: Sequence[GraphArrays],
+        rows: Sequence[Ints],
+        n_classes: int,
+        config: LayoutConfig,
+        weights: Sequence[Floats] | None = None,
     ) -> None:
         self.n_classes, self.config = n_classes, config
         self.positions: Floats = np.concatenate(
@@ -121,6 +127,11 @@ class MappedLayout:
         self.object_classes: Ints = np.concatenate(
             [np.zeros(0, np.int64), *(g.object_classes[k] for g, k in zip(graphs, known, strict=True))]
         )
+        stays = [np.ones(g.n_objects) for g in graphs] if weights is None else weights
+        self.detected: Floats = config.detected * np.concatenate(
+            [np.zeros(0), *(w[k] for w, k in zip(stays, known, strict=True))]
+        )
+        """(K,) probability that each object is there and is detected."""
         first = np.concatenate([[0], np.cumsum([k.sum() for k in known])]).astype(np.int64)
         self._object_runs = [slice(int(a), int(b)) for a, b in pairwise(first)]
         counts = np.bincount(self.object_classes, minlength=n_classes).astype(np.float64)

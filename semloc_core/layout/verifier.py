@@ -52,14 +52,20 @@ class LayoutVerifier:
         rows: for each building the indices of its places that are in the map, in the order of the map's rows.
         n_classes: C.
         config: options.
+        weights: for each building the probability that each of its objects is still there; None: all surely are.
 
     """
 
     def __init__(
-        self, graphs: Sequence[GraphArrays], rows: Sequence[Ints], n_classes: int, config: LayoutConfig | None = None
+        self,
+        graphs: Sequence[GraphArrays],
+        rows: Sequence[Ints],
+        n_classes: int,
+        config: LayoutConfig | None = None,
+        weights: Sequence[Floats] | None = None,
     ) -> None:
         self.config = config or LayoutConfig()
-        self.mapped = MappedLayout(graphs, rows, n_classes, self.config)
+        self.mapped = MappedLayout(graphs, rows, n_classes, self.config, weights)
         self.mapped.prepare()
         self._scan = CoarseScan(self.mapped) if affordable(self.mapped) else None
 

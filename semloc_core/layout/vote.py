@@ -50,7 +50,7 @@ def heading_scores(mapped: MappedLayout, fragment: Fragment, candidates: Ints) -
     which, seen = which[close], seen[close]
     turn = (np.arctan2(offset[:, 1], offset[:, 0]) - np.arctan2(here[:, 1], here[:, 0]))[close]
     fixed = along[close] ** 2 / spread2 + up[close] ** 2 / config.height_spread_m**2
-    peak = config.detected / (2 * np.pi * spread2) / invented[seen] * np.exp(-0.5 * fixed)
+    peak = mapped.detected[there[close]] / (2 * np.pi * spread2) / invented[seen] * np.exp(-0.5 * fixed)
     scale = 4 * far_here[close] * far_there[close] / spread2
     key = which * n + seen
     density = np.zeros(len(candidates) * n * HEADINGS)

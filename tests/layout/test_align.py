@@ -77,6 +77,23 @@ def test_an_object_that_should_have_been_seen_is_missed_and_one_elsewhere_is_not
         assert fitted.missing[0] == pytest.approx(CONFIG.detected * CONFIG.looked * (1 + missed))
 
 
+def test_an_object_that_is_likely_gone_counts_for_less_found_or_missed():
+    """Weights are of merged maps: the probability that an object is still where the map has it."""
+    places = [[x, y, 0.0] for x in range(-5, 6) for y in range(-2, 3)]
+    both = building([[3.0, 0, 0], [-3.0, 0, 0]], [1, 2], places)
+    one = fragment_of_arrays(building([[3.0, 0, 0]], [1], places), 27, CONFIG)
+    every = np.arange(both.n_places)
+    scores = {}
+    for weights in ((1.0, 1.0), (1.0, 0.5), (1.0, 0.0), (0.5, 1.0), (0.0, 1.0)):
+        mapped = MappedLayout([both], [every], 3, CONFIG, [np.array(weights)])
+        fitted = align(mapped, one, np.array([27]), np.array([0.0]))
+        assert fitted.missing[0] == pytest.approx(CONFIG.detected * CONFIG.looked * sum(weights))
+        scores[weights] = fitted.score[0]
+        votes = heading_scores(mapped, one, np.array([27]))
+        assert (votes.max() > 0) == (weights[0] > 0)
+    assert scores[1.0, 0.0] > scores[1.0, 0.5] > scores[1.0, 1.0] > scores[0.5, 1.0] > scores[0.0, 1.0]
+
+
 def test_room_that_the_map_does_not_have_costs():
     corridor = [[x, 0.0, 0.0] for x in range(20)]
     hall = [[x, y, 0.0] for x in range(20) for y in range(-4, 5)]
