@@ -91,7 +91,8 @@ def surroundings(
     for row, place in enumerate(places):
         metres = distances[row] if distances is not None else slot_distances(graph, place, REACH_M)
         around = metres[taken]
-        counts[row] = ring_shares(around[around <= REACH_M]).sum(axis=0)
+        # Slots are as nodes came; a sum must not hang on that, to its last bit.
+        counts[row] = ring_shares(np.sort(around[around <= REACH_M])).sum(axis=0)
         nearest = np.full(len(known), np.inf)
         np.minimum.at(nearest, child, metres[parent])
         near = np.flatnonzero(nearest <= REACH_M)

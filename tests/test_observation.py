@@ -1,5 +1,8 @@
 """The likelihood of what has been seen: it knows how far the robot has looked."""
 
+import random
+
+import msgspec
 import numpy as np
 import pytest
 from scipy.stats import poisson
@@ -41,6 +44,21 @@ def test_surroundings_count_places_and_objects_by_geodesic_distance():
     np.testing.assert_allclose(around.objects[0], expected, atol=1e-5)
     assert around.places.sum(axis=1) == pytest.approx([30.0, 30.0])
     assert around.objects[1].sum() == pytest.approx(20.0, abs=1e-4)
+
+
+def test_the_order_in_which_nodes_came_does_not_show_in_the_last_bit():
+    update, rng = building_update(length=60, objects=40, spacing=0.37), random.Random(0)
+    expected = surroundings(SceneGraph.from_update(update), SPACE, ["p5", "p31"])
+    for _ in range(5):
+        shuffled = msgspec.structs.replace(
+            update,
+            places=rng.sample(update.places, len(update.places)),
+            objects=rng.sample(update.objects, len(update.objects)),
+            edges=rng.sample(update.edges, len(update.edges)),
+        )
+        found = surroundings(SceneGraph.from_update(shuffled), SPACE, ["p5", "p31"])
+        assert found.places.tobytes() == expected.places.tobytes()
+        assert found.objects.tobytes() == expected.objects.tobytes()
 
 
 def test_an_unknown_class_says_nothing():
