@@ -52,7 +52,8 @@ class Judged:
         right: the best one is within the match radius of the robot.
         alone_right: so is the encoder's own best one.
         probability: said of it.
-        in_map: P(the robot is in the map), as said.
+        status: as a localiser with the default options says it.
+        abroad: the same two with the robot's building left out of the map.
         step: of its walk.
 
     """
@@ -67,17 +68,9 @@ class Judged:
     right: bool
     alone_right: bool
     probability: float
-    in_map: float
+    status: str
+    abroad: tuple[float, str]
     step: int
-
-    @property
-    def status(self) -> str:
-        """As a localiser with the default options says it."""
-        if self.found is None:
-            return "unknown"
-        if self.probability >= LocaliserConfig().accept_probability:
-            return "match"
-        return "ambiguous" if self.in_map >= IN_MAP else "unknown"
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +121,10 @@ def study_trust(
             truth = asked.truth()[k]
             near = (arena.building == path.building) & (np.linalg.norm(arena.positions - truth, axis=1) <= radius_m)
             found = verifier.verify(fragment, similarity[k]) if known[k] else None
-            sure = confidence(found, fragment, verifier.mapped) if found is not None else None
+            probability, status = _said(verifier, fragment, found)
+            elsewhere = arena.building != path.building
+            only = np.where(elsewhere, similarity[k], np.float32(-2))
+            abroad = verifier.verify(fragment, only, elsewhere) if known[k] else None
             answers.append(
                 Judged(
                     building=path.building,
@@ -140,13 +136,25 @@ def study_trust(
                     found=found,
                     right=bool(known[k] and near[found.rows[0] if found is not None else alone[k]]),
                     alone_right=bool(known[k] and near[alone[k]]),
-                    probability=float(sure.probability[0]) if sure is not None else 0.0,
-                    in_map=sure.in_map if sure is not None else 0.0,
+                    probability=probability,
+                    status=status,
+                    abroad=_said(verifier, fragment, abroad),
                     step=int(at[k]),
                 )
             )
     progress(len(paths), len(paths), "done")
     return Study(arena, model, verifier, paths, answers, radius_m)
+
+
+def _said(verifier: LayoutVerifier, fragment: Fragment, found: Verified | None) -> tuple[float, str]:
+    """Probability of the best place, and status."""
+    if found is None:
+        return 0.0, "unknown"
+    sure = confidence(found, fragment, verifier.mapped)
+    probability = float(sure.probability[0])
+    if probability >= LocaliserConfig().accept_probability:
+        return probability, "match"
+    return probability, "ambiguous" if sure.in_map >= IN_MAP else "unknown"
 
 
 def failures(study: Study, least_m: float = 5.0, most_m: float = 10.0) -> list[Row]:

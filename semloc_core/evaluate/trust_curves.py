@@ -11,16 +11,22 @@ from numpy.typing import NDArray
 from semloc_core.evaluate import metrics
 from semloc_core.evaluate.calibration import BINS
 from semloc_core.evaluate.rows import Row
-from semloc_core.evaluate.trust import Judged, Study
+from semloc_core.evaluate.trust import Judged, Study, strangers
 from semloc_core.graph_arrays import Floats
 
 STATUSES = ("match", "ambiguous", "unknown")
+THRESHOLDS = (0.5, 0.8, 0.9)
+OBJECTS = (0, 1, 4, 7, 10, 15)
+SHARES = (0.0, 0.2, 0.4, 0.6)
 LEAST = 5
 """A tenth of the probabilities with fewer answers has no point in the diagram: its share would be noise."""
 
 
 def status_rows(study: Study) -> list[Row]:
-    """By metres walked: how many answers are right, what each status's share of the answers is, and how often right."""
+    """By metres walked: how many answers are right, what each status's share of the answers is, and how often right.
+
+    Rows of scope ``foreign …``: the same shares with the robot's building left out of the map.
+    """
     rows: list[Row] = []
     for scope in _scopes(study):
         answers = [judged for judged in study.answers if judged.scope_m == scope]
@@ -34,7 +40,57 @@ def status_rows(study: Study) -> list[Row]:
             right = [judged.right for judged in answers if judged.status == status]
             row |= {status: len(right) / len(answers), f"{status}_right": float(np.mean(right)) if right else None}
         rows.append(row)
+    if len(study.arena.maps) < 2:
+        return rows
+    for scope in _scopes(study):
+        said = [judged.abroad[1] for judged in study.answers if judged.scope_m == scope]
+        shares = {status: said.count(status) / len(said) for status in STATUSES}
+        rows.append({"method": "rings + layout", "scope": f"foreign {scope:g}m", "queries": len(said), **shares})
     return rows
+
+
+def threshold_rows(study: Study) -> list[Row]:
+    """What other thresholds on the probability accept: a share of the answers, right ones among it, and abroad."""
+    rows: list[Row] = []
+    for threshold in THRESHOLDS:
+        for scope in _scopes(study):
+            answers = [judged for judged in study.answers if judged.scope_m == scope]
+            right = [judged.right for judged in answers if judged.probability >= threshold]
+            rows.append(
+                {
+                    "method": f"p >= {threshold:g}",
+                    "scope": f"{scope:g}m",
+                    "accepted": len(right) / len(answers),
+                    "accepted_right": float(np.mean(right)) if right else None,
+                    "accepted_wrong": len(right) - sum(right),
+                    "foreign_accepted": float(np.mean([judged.abroad[0] >= threshold for judged in answers])),
+                }
+            )
+    return rows
+
+
+def condition_rows(study: Study, least_m: float = 5.0, most_m: float = 10.0) -> list[Row]:
+    """How right answers between two distances are by objects seen, by share of strangers among them, by building."""
+    answers = [judged for judged in study.answers if least_m <= judged.scope_m <= most_m]
+    groups: dict[str, list[Judged]] = {}
+    for judged in answers:
+        n = len(judged.fragment.classes)
+        share = len(strangers(study, judged)) / max(n, 1)
+        for kind, value, steps in (("objects", n, OBJECTS), ("strangers", share, SHARES)):
+            low = max(step for step in steps if step <= value)
+            groups.setdefault(f"{kind} from {low:g}", []).append(judged)
+        groups.setdefault(study.arena.maps[judged.building].name, []).append(judged)
+    return [
+        {
+            "method": "rings + layout",
+            "scope": name,
+            "queries": len(group),
+            "right": float(np.mean([judged.right for judged in group])),
+            "match": float(np.mean([judged.status == "match" for judged in group])),
+            "match_wrong": sum(judged.status == "match" and not judged.right for judged in group),
+        }
+        for name, group in sorted(groups.items(), key=lambda item: (item[0].split()[0], len(item[0]), item[0]))
+    ]
 
 
 def success_points(study: Study, seed: int = 0) -> tuple[list[float], dict[str, list[tuple[float, float, float]]]]:
