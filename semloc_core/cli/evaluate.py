@@ -170,3 +170,18 @@ def candidates(
     with progress("evaluating") as bar:
         rows = evaluate_candidates(root, models=models, baselines=chosen, walks=walks, seed=seed, progress=bar)
     show("evaluate candidates", seed, [root], rows, json_file, title=str(root))
+
+
+@app.command("layout")
+def layout(
+    root: Annotated[Path, typer.Argument(metavar="ROOT", help="Folder of buildings: ROOT/*/map.json and query.json.")],
+    walks: Annotated[int, typer.Option(min=1, help="Walks a building, on average.")] = 5,
+    seed: Seed = 0,
+    json_file: Json = None,
+) -> None:
+    """What each part of verification by layout is worth: success along walks with a part left out."""
+    from semloc_core.evaluate.layout_ablation import evaluate_layout
+
+    with progress("evaluating") as bar:
+        rows = evaluate_layout(root, walks=walks, seed=seed, progress=bar)
+    show("evaluate layout", seed, [root], rows, json_file, title=str(root))
