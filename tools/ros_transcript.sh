@@ -103,6 +103,7 @@ wait "${pids[-1]}" || true
 say '```console' "$(cut -c1-900 "$scratch/ros2-$((${#pids[@]} - 1)).log")" '```' ''
 
 say '## How is it doing?' ''
+sleep 15 # "lost or changed?" compares the latest 60 answers with the map
 LINES_SHOWN=120 show ros2 topic echo --once /diagnostics
 
 say '## The end' ''

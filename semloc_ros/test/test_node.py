@@ -393,6 +393,8 @@ def test_explain_answers_by_every_explainer(localiser, client):
     assert len(explanation.methods) == len(EXPLAINERS)
     asked = updates()[0]
     assert (explanation.query_place, explanation.stamp_ns) == (asked.query_place, asked.stamp_ns)
+    top = side.matches[-1].matches[0]
+    assert (explanation.match_map, explanation.match_place) == (top.map, top.place)
 
 
 def test_any_pair_can_be_asked_about(localiser, client, assets):
