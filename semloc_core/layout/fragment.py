@@ -11,6 +11,7 @@ from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.labelspace import Labelspace
 from semloc_core.layout.config import LayoutConfig
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.wire import Position
 
 CELL_M = 0.8
 """Places are thinned to one a cell of this size, so that a mapper that lays them closer has no louder voice."""
@@ -42,10 +43,17 @@ class Fragment:
 
 def fragment_of_graph(graph: SceneGraph, labelspace: Labelspace, place: str, config: LayoutConfig) -> Fragment:
     """The surroundings of a place of a live graph; objects of classes that the labelspace lacks are left out."""
-    object_ids = sorted(graph.objects)
+    # Sorting and copying all of a large graph at every update would cost more than the rest of the answer.
+    reach, (x, y, _) = config.reach_m + 1.0, graph.places[place]
+
+    def beside(at: Position) -> bool:
+        return abs(at[0] - x) <= reach and abs(at[1] - y) <= reach
+
+    object_ids = sorted(o for o, item in graph.objects.items() if beside(item.position))
     objects = np.array([graph.objects[o].position for o in object_ids], dtype=np.float64).reshape(-1, 3)
     classes = np.array([labelspace.index(graph.objects[o].class_) for o in object_ids], dtype=np.int64)
-    places = np.array([graph.places[p] for p in sorted(graph.places)], dtype=np.float64).reshape(-1, 3)
+    known = sorted(p for p, at in graph.places.items() if beside(at))
+    places = np.array([graph.places[p] for p in known], dtype=np.float64).reshape(-1, 3)
     origin = np.array(graph.places[place], dtype=np.float64)
     return _around(origin, objects, classes, object_ids, places, config)
 
