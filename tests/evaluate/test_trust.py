@@ -106,7 +106,7 @@ def test_the_command_prints_and_draws(homes: Path, tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["trust", str(homes), "--walks", "1", "--pictures", str(tmp_path / "out")])
     assert result.exit_code == 0, result.output
     assert "wrong at 5 to 10 m" in result.output
-    for name in ("reliability", "success"):
+    for name in ("reliability", "success", "failure"):
         assert (tmp_path / "out" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
 
 
