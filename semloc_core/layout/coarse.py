@@ -25,7 +25,7 @@ STEP_M = 0.01
 
 
 class CoarseScan:
-    """Made once for a map (tens of microseconds a place).
+    """Made once for a map (about a tenth of a millisecond a place).
 
     Args:
         mapped: the map; at most `MOST_PLACES` places, or it is slow and large.
