@@ -88,7 +88,7 @@ def _line(answer: object, seconds: float) -> str:
 
     assert isinstance(answer, Answer)
     matches, why = answer.matches, ""
-    if answer.attributions is not None:
+    if answer.attributions is not None and matches.status != "unknown":
         named = [c for c in answer.attributions.classes[:4] if c.share >= 0.005]
         why = "  because " + ", ".join(f"{c.class_} {c.share:.0%}" for c in named)
     if not matches.matches:
