@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -100,16 +101,27 @@ def report_unknown_classes(unknown: dict[str, int], where: str) -> None:
             note(f"{where}: it has numbers in place of class names: --labelspace names them")
 
 
+LINE_EVERY_S = 15.0
+
+
 @contextmanager
 def progress(description: str) -> Iterator[Callable[[int, int, str], None]]:
-    """A progress bar on stderr; call what it yields with (done, total, a few words)."""
+    """A progress bar on stderr; call what it yields with (done, total, a few words).
+
+    Where stderr is no terminal, a line every `LINE_EVERY_S` says how far it is.
+    """
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[words]}"), TimeElapsedColumn())
     screen = Console(stderr=True)
     with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
         task = bar.add_task(description, total=None, words="")
+        said = time.monotonic()
 
         def step(done: int, total: int, words: str = "") -> None:
+            nonlocal said
             bar.update(task, completed=done, total=total, words=words)
+            if not screen.is_terminal and time.monotonic() - said >= LINE_EVERY_S:
+                said = time.monotonic()
+                typer.echo(f"{description}: {done} of {total} {words}".rstrip(), err=True)
 
         yield step
 
