@@ -164,7 +164,9 @@ class MapModel:
         near = self.matching
         for row, value in zip(rows.tolist(), (np.float32(sharpness) * score).tolist(), strict=True):
             run = slice(int(near.start[row]), int(near.start[row + 1]))
-            fades = np.float32(value) - np.float32(0.5) * (near.metres[run] / np.float32(TESTED_SPREAD_M)) ** 2
+            fades = np.float32(-0.5) * (near.metres[run] / np.float32(TESTED_SPREAD_M)) ** 2
+            # One answer, one share of belief, however densely the map's places lie there.
+            fades += np.float32(value) - np.log(np.exp(fades).sum())
             combined[near.places[run]] = np.maximum(combined[near.places[run]], fades)
         return combined
 
