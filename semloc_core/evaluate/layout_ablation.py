@@ -10,8 +10,7 @@ import numpy as np
 
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.evaluate import metrics
-from semloc_core.evaluate.fragments import answered
-from semloc_core.evaluate.online_answers import make_walks, steps_at
+from semloc_core.evaluate.online_answers import make_walks, steps_at, verdict
 from semloc_core.evaluate.online_layout import groups_of, success_rows
 from semloc_core.evaluate.relocalise import make_arena, read_buildings
 from semloc_core.evaluate.reranked import fragments_along
@@ -70,16 +69,13 @@ def evaluate_layout(
         right = np.zeros((len(paths), len(scopes_m), max(metrics.RANKS)), np.bool_)
         for i, path in enumerate(paths):
             at = steps_at(path.walk, scopes_m)
-            asked = path.walk.at(at)
-            fragments = fragments_along(path.walk, at, verifier, np.random.default_rng([seed, i]))
-            known, truth = answered(asked), asked.truth()
-            for k, fragment in enumerate(fragments):
+            best = np.full(right.shape[1:], -1, dtype=np.int64)
+            for k, fragment in enumerate(fragments_along(path.walk, at, verifier, np.random.default_rng([seed, i]))):
                 found = verifier.verify(fragment)
-                if found is None or not known[k]:
-                    continue
-                best = found.rows[: right.shape[2]]
-                away = np.linalg.norm(arena.positions[best] - truth[k], axis=1)
-                right[i, k, : len(best)] = (away <= MATCH_RADIUS_M) & (arena.building[best] == path.building)
+                if found is not None:
+                    listed = found.rows[: best.shape[1]]
+                    best[k, : len(listed)] = listed
+            right[i] = verdict(arena, path, at, best, MATCH_RADIUS_M)
         rows += success_rows({"method": name}, right, groups_of(paths), scopes_m, seed)
     progress(len(VARIANTS), len(VARIANTS), "done")
     return rows

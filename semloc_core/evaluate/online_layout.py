@@ -63,8 +63,7 @@ def judge_online_layout(
         steps = at if places is None else np.arange(path.walk.steps)
         similarity = metrics.similarity_matrix(embed_walk(model, path.walk.at(steps)), database)
         fragments = fragments_along(path.walk, steps, verifier, np.random.default_rng([seed, i]))
-        row_of = {int(step): row for row, step in enumerate(steps.tolist())}
-        rows = np.array([row_of[int(step)] for step in at.tolist()], dtype=np.int64)
+        rows = np.searchsorted(steps, at)
         chosen = [fragments[row] for row in rows.tolist()]
         at_home = arena.building == path.building
         best = reranked(verifier, chosen, similarity[rows], chances=sure[i])
@@ -86,7 +85,7 @@ def judge_online_layout(
     found: list[Row] = []
     for (filter_, home), verdicts in right.items():
         keys: Row = {"method": name, "filter": filter_, "home": home}
-        for k, row in enumerate(_rows(keys, verdicts, paths, scopes_m, seed)):
+        for k, row in enumerate(success_rows(keys, verdicts, groups_of(paths), scopes_m, seed)):
             if (filter_, home) == ("none", "any"):
                 row["ece"] = expected_calibration_error(sure[:, k], verdicts[:, k, 0])
             found.append(row)
@@ -96,10 +95,6 @@ def judge_online_layout(
             keys = {"method": name, "filter": "none", "home": "any", "scope": f"foreign {metres:g}m"}
             found.append({**keys, "queries": len(paths), **accepted})
     return found
-
-
-def _rows(keys: Row, right: Bools, paths: Sequence[OnlineWalk], scopes_m: Sequence[float], seed: int) -> list[Row]:
-    return success_rows(keys, right, groups_of(paths), scopes_m, seed)
 
 
 def success_rows(keys: Row, right: Bools, groups: Ints | None, scopes_m: Sequence[float], seed: int) -> list[Row]:

@@ -116,9 +116,10 @@ def evaluate_relocalise(
     rows: list[Row] = []
     for name in baselines:
         progress(done, total, name)
-        rows += judge_arena(name, fitted(name, arena), arena, radius_m, seed)
+        baseline = fitted(name, arena)
+        rows += judge_arena(name, baseline, arena, radius_m, seed)
         if verified and name == "rings":
-            rows += judge_layout(name, fitted(name, arena), arena, radius_m, seed)
+            rows += judge_layout(name, baseline, arena, radius_m, seed)
         done += 1
     if train_paper:
         begun = done

@@ -112,13 +112,9 @@ def infonce(
 
     """
     positive = _positive(positive, ignore)
-    judged = positive.any(1)
-    if not judged.any():
+    if not positive.any():
         return _nothing(z_query, z_map)
-    logits = (z_query @ z_map.T)[judged] / temperature
-    if ignore is not None:
-        logits = logits.masked_fill(ignore[judged], -torch.inf)
-    chosen = positive[judged]
+    logits, chosen = _logits(z_query, z_map, positive, ignore, temperature)
     mean_positive = logits.masked_fill(~chosen, 0.0).sum(1) / chosen.sum(1)
     return (logits.logsumexp(1) - mean_positive).mean()
 
@@ -148,13 +144,10 @@ def mil_nce(
 
     """
     positive = _positive(positive, ignore)
-    judged = positive.any(1)
-    if not judged.any():
+    if not positive.any():
         return _nothing(z_query, z_map)
-    logits = (z_query @ z_map.T)[judged] / temperature
-    if ignore is not None:
-        logits = logits.masked_fill(ignore[judged], -torch.inf)
-    right = logits.masked_fill(~positive[judged], -torch.inf)
+    logits, chosen = _logits(z_query, z_map, positive, ignore, temperature)
+    right = logits.masked_fill(~chosen, -torch.inf)
     return (logits.logsumexp(1) - right.logsumexp(1)).mean()
 
 
@@ -181,6 +174,17 @@ def build_loss(config: TrainConfig) -> Loss:
 
 def _positive(positive: Tensor, ignore: Tensor | None) -> Tensor:
     return positive if ignore is None else positive & ~ignore
+
+
+def _logits(
+    z_query: Tensor, z_map: Tensor, positive: Tensor, ignore: Tensor | None, temperature: float
+) -> tuple[Tensor, Tensor]:
+    """Similarities over temperature of the queries that have a positive, -inf where ignored, and their positives."""
+    judged = positive.any(1)
+    logits = (z_query @ z_map.T)[judged] / temperature
+    if ignore is not None:
+        logits = logits.masked_fill(ignore[judged], -torch.inf)
+    return logits, positive[judged]
 
 
 def _negative(positive: Tensor, ignore: Tensor | None) -> Tensor:
