@@ -50,6 +50,10 @@ class MapError(SemlocError):
     """A map database can't be read or written, or does not fit model or labelspace."""
 
 
+class MapUnavailableError(MapError):
+    """The server that keeps a map can't be reached in time; asking again later may help."""
+
+
 class BagError(SemlocError):
     """A bag can't be read or written."""
 

@@ -1,0 +1,1 @@
+"""Maps of fleets: kept by a server that many robots query and several writers change at once."""

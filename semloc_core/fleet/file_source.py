@@ -1,0 +1,85 @@
+"""The embedded file as a `MapSource`: the same interface without a server."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semloc_core.errors import MapError
+from semloc_core.fleet.source import BuildingEntry, Catalogue, Fetched, Nearest
+from semloc_core.map_database.history import unpack_history
+from semloc_core.map_database.loaded import LoadedMap, load
+from semloc_core.map_database.meta import read_meta
+from semloc_core.map_database.records import PlaceRows, building_digest
+from semloc_core.map_database.schema import read
+from semloc_core.model import Model
+
+
+class FileSource:
+    """A map file, queried. It is held in memory, and read again when a writer has changed it.
+
+    Args:
+        path: the map file.
+
+    Raises:
+        MapError: not a map, or damaged.
+
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self._path = Path(path)
+        self._map = load(self._path)
+        self._catalogue = _catalogue_of(self._map)
+
+    @property
+    def name(self) -> str:
+        """The file's stem."""
+        return self._map.name
+
+    def model(self) -> Model:
+        """The model that the file carries."""
+        return self._map.model
+
+    def catalogue(self) -> Catalogue:
+        """The file as it is now."""
+        if read(self._path, lambda connection: read_meta(connection).content_hash) != self._map.hash:
+            self._map = load(self._path)
+            self._catalogue = _catalogue_of(self._map)
+        return self._catalogue
+
+    def nearest(self, z: NDArray[np.float32], k: int, buildings: Collection[str] | None = None) -> Nearest:
+        """By exact search; see `MapSource.nearest`."""
+        if z.ndim != 1:
+            raise MapError(f"expected one query (got shape {z.shape})")
+        rows, similarities = self._map.search(z, k, buildings)
+        numbers, names, ids = self._map.building_index[rows].tolist(), self._map.buildings, self._map.place_ids
+        return Nearest(tuple(names[i] for i in numbers), tuple(ids[row] for row in rows.tolist()), similarities)
+
+    def fetch(self, building: str) -> Fetched:
+        """One building of the state that `catalogue` told of last."""
+        rows = self._map.rows_of(building)
+        stored = self._map.stored[self._map.buildings.index(building)]
+        return Fetched(self._catalogue.buildings[building], stored, _places(self._map, rows))
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+
+def _places(map_: LoadedMap, rows: slice) -> PlaceRows:
+    return PlaceRows(map_.place_ids[rows], map_.positions[rows], map_.embeddings[rows])
+
+
+def _catalogue_of(map_: LoadedMap) -> Catalogue:
+    entries = {}
+    for stored in map_.stored:
+        places = _places(map_, map_.rows_of(stored.name))
+        digest = building_digest(places, stored.frame_id, stored.graph.digest, stored.history)
+        changes = unpack_history(stored.history).classes
+        entries[stored.name] = BuildingEntry(
+            digest, digest, stored.n_places, stored.frame_id, stored.source, stored.stamp_ns, changes
+        )
+    model = map_.model
+    return Catalogue(map_.hash, model.hash, model.labelspace.hash, model.encoder.dimension, entries)
