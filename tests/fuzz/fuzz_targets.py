@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import fuzz_seeds as seeds
+import msgspec
 from fuzz_mutate import damage, damage_json
 
 from semloc_core import wire
@@ -209,6 +210,8 @@ class Live(Target):
     """Updates through one localiser that lives on; after a refusal nothing has changed, and no NaN gets out."""
 
     filter = "none"
+    known: bytes | None = None
+    """The state as it was left, where that was looked at."""
 
     def setup(self) -> None:
         self.seeds = seeds.updates()
@@ -227,22 +230,29 @@ class Live(Target):
         chance = rng.random()
         return text if chance < 0.1 else damage_json(text, rng) if chance < 0.8 else damage(text, rng, self.seeds)
 
-    def state(self) -> tuple[Any, ...]:
-        """All that an update can change."""
+    def state(self) -> bytes:
+        """All that an update can change, to the last bit and in its order."""
         stream, seen, tracker = self.localiser.stream, self.localiser._visibility, self.localiser._tracker
-        graph, at = stream.graph, self.localiser
-        whole = None if graph is None else (graph.version, repr((graph, graph.query_place)))
-        belief = None if tracker is None else (tracker.filter.belief.tobytes(), tracker._stood)
-        row = (stream._seq, at._seq, at._stamp_ns, at._odometry, at._explained_ns, dict(at.unknown_classes), belief)
-        return whole, row, None if seen is None else repr((seen._objects, seen._places, seen._balls, seen._sources))
+        at, index = self.localiser, None if stream.graph is None else stream.graph._index
+        return msgspec.msgpack.encode(
+            (
+                stream.graph and vars(stream.graph) | {"_index": index and vars(index)},
+                (stream._seq, at._seq, at._stamp_ns, at._odometry, at._explained_ns, at.unknown_classes),
+                seen and {name: value for name, value in vars(seen).items() if name != "graph"},
+                tracker
+                and (tracker.filter.belief.tobytes(), tracker._stood, tracker._in_map, tracker._observed is None),
+            )
+        )
 
     def use(self, data: bytes) -> None:
-        before = self.state()
+        before = self.known or self.state()
         try:
             result = self.localiser.update(data)
         except (MessageError, GraphError):
-            assert self.state() == before, "a refused update changed something"
+            self.known = self.state()
+            assert self.known == before, "a refused update changed something"
             raise
+        self.known = None
         self.counts[result.outcome.value] += 1
         for message, type_ in (
             (result.matches, wire.PlaceMatches),

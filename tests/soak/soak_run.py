@@ -1,7 +1,8 @@
-"""Runs one localiser for long: ``python tests/soak/soak_run.py [--updates N] [--reloads N]``.
+"""Runs one localiser for long: ``python tests/soak/soak_run.py [--updates N] [--reloads N] [--seconds S]``.
 
-A million updates that add, move and remove, then a thousand reloads of the map; resident memory and latency are
-sampled on the way, and the slope of each is printed as JSON. Exit status 1 where memory grows.
+A million updates that add, move and remove, with verification and the filter on, then a thousand reloads of the map;
+resident memory and latency are sampled on the way, and the slope of each is printed as JSON. Exit status 1 where
+memory grows.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ from semloc_core.map_database import load  # noqa: E402
 from semloc_core.wire import Object, Place, SceneGraphUpdate  # noqa: E402
 
 SAMPLES = 100
+LENGTH = 12
+"""Places that the robot remembers; what is kept in memory does not hang on how large its graph is."""
 GROWTH_MIB = 16.0
 """What the process may grow by over the whole run, after its first tenth."""
 
@@ -42,14 +45,14 @@ def resident_mib() -> float:
 
 def stream(rng: np.random.Generator) -> Iterator[SceneGraphUpdate]:
     """Without end: rooms that open ahead of the robot and are forgotten behind it, a full update now and then."""
-    length, seq = 30, 0
-    yield building_update(length, 20)
+    length, seq = LENGTH, 0
+    yield building_update(length, 8)
     first = last = length
     while True:
         seq += 1
         if seq % 500 == 0:
             seq, first, last = 0, length, length
-            yield building_update(length, 20)
+            yield building_update(length, 8)
             continue
         name, kind = f"o{1000 + seq}", seq % 4
         if kind == 0:
@@ -63,9 +66,9 @@ def stream(rng: np.random.Generator) -> Iterator[SceneGraphUpdate]:
             moved = Place(f"p{last - 1}", (float(last - 1), float(rng.normal(0, 0.2)), 0.0))
             yield delta(seq, query=f"p{last - 1}", places=[moved])
         else:
-            gone = [f"o{1000 + seq - 40 - k}" for k in range(4)]
-            gone += [f"p{first}"] if last - first > 30 else []
-            first += last - first > 30
+            gone = [f"o{1000 + seq - 20 - k}" for k in range(4)]
+            gone += [f"p{first}"] if last - first > length else []
+            first += last - first > length
             yield delta(seq, query=f"p{last - 1}", removed_nodes=gone)
 
 
@@ -80,12 +83,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Run one localiser for long.")
     parser.add_argument("--updates", type=int, default=1_000_000)
     parser.add_argument("--reloads", type=int, default=1_000)
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="no more updates after so long")
     given = parser.parse_args()
     torch.set_num_threads(1)
+    started = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "home.map"
-        make_map(path, make_model("paper"), home=building_update(200, 120))
-        localiser = Localiser(load(path), LocaliserConfig(explain_rate_hz=1.0))
+        make_map(path, make_model("paper"), home=building_update(60, 40))
+        localiser = Localiser(load(path), LocaliserConfig(explain_rate_hz=0.2, filter="bayes"))
         updates, memory, latency = stream(np.random.default_rng(0)), [], []
         for _ in range(SAMPLES):
             own = []
@@ -98,8 +103,10 @@ def main() -> None:
             gc.collect()
             memory.append(resident_mib())
             latency.append(1e3 * float(np.median(own)))
+            if time.monotonic() - started > given.seconds:
+                break
         found: dict[str, float | int] = {
-            "updates": given.updates // SAMPLES * SAMPLES,
+            "updates": given.updates // SAMPLES * len(memory),
             "p50_ms": round(float(np.median(latency)), 3),
             "p50_change_percent": round(100 * slope(latency) / float(np.median(latency)), 1),
             "resident_mib": round(memory[-1], 1),
