@@ -14,7 +14,6 @@ import zlib
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import fuzz_seeds as seeds
 import msgspec
@@ -234,13 +233,13 @@ class Live(Target):
         """All that an update can change, to the last bit and in its order."""
         stream, seen, tracker = self.localiser.stream, self.localiser._visibility, self.localiser._tracker
         at, index = self.localiser, None if stream.graph is None else stream.graph._index
+        filter_ = tracker and (tracker.filter.belief.tobytes(), tracker._stood, tracker._in_map)
         return msgspec.msgpack.encode(
             (
                 stream.graph and vars(stream.graph) | {"_index": index and vars(index)},
                 (stream._seq, at._seq, at._stamp_ns, at._odometry, at._explained_ns, at.unknown_classes),
                 seen and {name: value for name, value in vars(seen).items() if name != "graph"},
-                tracker
-                and (tracker.filter.belief.tobytes(), tracker._stood, tracker._in_map, tracker._observed is None),
+                filter_,
             )
         )
 
