@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 
 from semloc_core.messages import MESSAGES
+from semloc_core.whole_file import write_whole
 from semloc_core.wire import schema_of
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -46,7 +47,7 @@ def write_schemas(folder: Path) -> list[Path]:
     paths = []
     for name, type_ in MESSAGES.items():
         path = folder / f"{name}.schema.json"
-        path.write_text(schema_text(type_), encoding="utf-8")
+        write_whole(path, schema_text(type_).encode())
         paths.append(path)
     return paths
 

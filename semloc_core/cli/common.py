@@ -130,8 +130,15 @@ def show(
     command: str, seed: int, inputs: Sequence[Path], rows: list[dict[str, Any]], json_file: Path | None, title: str
 ) -> None:
     """Print rows as a table and, if asked, write the same rows as JSON."""
-    from semloc_core.evaluate.table import document, print_table
+    from semloc_core.evaluate.table import print_table
 
     print_table(rows, title=title, console=console)
     if json_file is not None:
-        write_whole(json_file, document(command, seed, [str(p) for p in inputs], rows))
+        write_json(json_file, command, seed, inputs, rows)
+
+
+def write_json(path: Path, command: str, seed: int, inputs: Sequence[Path], rows: list[dict[str, Any]]) -> None:
+    """Write rows as JSON, with what they come from; the whole file or nothing."""
+    from semloc_core.evaluate.table import document
+
+    write_whole(path, document(command, seed, [str(p) for p in inputs], rows))

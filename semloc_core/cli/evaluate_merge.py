@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from semloc_core.cli.common import Json, Seed, console, progress
+from semloc_core.cli.common import Json, Seed, console, progress, write_json
 from semloc_core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def merge(
     """
     from semloc_core.evaluate.merge import evaluate_merge
     from semloc_core.evaluate.merge_cases import LifeConfig, home_cases, world_cases
-    from semloc_core.evaluate.table import document, print_table
+    from semloc_core.evaluate.table import print_table
 
     if root is None and worlds == 0:
         raise ConfigError("expected a ROOT or some --worlds (got neither)")
@@ -62,7 +62,7 @@ def merge(
     if classes := [row for row in rows if "moves_learnt" in row]:
         print_table(classes, title="share that moves from one traversal to the next", console=console)
     if json_file is not None:
-        json_file.write_bytes(document("evaluate merge", seed, [str(root)] if root is not None else [], rows))
+        write_json(json_file, "evaluate merge", seed, [root] if root is not None else [], rows)
 
 
 def _models(

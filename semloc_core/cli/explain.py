@@ -12,6 +12,7 @@ import typer
 
 from semloc_core.cli.common import console, read_graph_or_run
 from semloc_core.errors import ConfigError, GraphError
+from semloc_core.whole_file import write_whole
 
 if TYPE_CHECKING:
     from semloc_core.evaluate.rows import Row
@@ -71,7 +72,7 @@ def explain(
     elif place is not None:
         raise ConfigError(f"expected a query place that can be embedded (got {query}: {result.located.query.reason})")
     if json_file is not None:
-        json_file.write_bytes(b"[" + b",".join(parts) + b"]\n")
+        write_whole(json_file, b"[" + b",".join(parts) + b"]\n")
 
 
 def _query_place(graph: SceneGraph, query: str | None, near: str | None) -> str:

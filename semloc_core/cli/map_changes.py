@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from semloc_core.cli.common import Json, building_name, console, read_graph_or_run, report_unknown_classes
+from semloc_core.cli.common import Json, building_name, console, read_graph_or_run, report_unknown_classes, write_json
 from semloc_core.errors import MapError
 
 if TYPE_CHECKING:
@@ -143,7 +143,6 @@ def merge(
     It is laid on the building by what it saw, and refused where that does not fit. Objects that were confirmed gain
     weight, those not seen where free space was seen lose it, by how often their class moves; places are embedded anew.
     """
-    from semloc_core.evaluate.table import document
     from semloc_core.map_database import MapDatabase, load
     from semloc_core.map_merge import merge_into, propose
 
@@ -157,7 +156,7 @@ def merge(
     _say(name, merged, "would be " if dry_run else "")
     if json_file is not None:
         row: Row = {"method": loaded.model.encoder.name, "scope": name, **_figures(merged)}
-        json_file.write_bytes(document("map merge", 0, [str(map_file), str(traversal)], [row]))
+        write_json(json_file, "map merge", 0, [map_file, traversal], [row])
 
 
 def _say(name: str, merged: Merged, would: str) -> None:

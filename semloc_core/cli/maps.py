@@ -19,6 +19,7 @@ from semloc_core.cli.common import (
     pick_labelspace,
     progress,
     show,
+    write_json,
 )
 from semloc_core.cli.map_changes import Inputs, MapFile, Name, names_of, put
 from semloc_core.errors import MapError
@@ -120,9 +121,7 @@ def info(
     elif aliasing:
         console.print(f"{model['name']} reads distances too: labels set no ceiling to what it can tell apart")
     if json_file is not None:
-        from semloc_core.evaluate.table import document
-
-        json_file.write_bytes(document("map info", 0, [str(map_file)], [*rows, *alike]))
+        write_json(json_file, "map info", 0, [map_file], [*rows, *alike])
 
 
 def _aliasing(map_file: Path) -> list[Row]:

@@ -26,6 +26,7 @@ from semloc_core.layout import LayoutVerifier
 from semloc_core.layout.confidence import FEATURES, Calibration, features
 from semloc_core.training.config import PerturbConfig
 from semloc_core.training.perturb import perturb
+from semloc_core.whole_file import write_whole
 from semloc_core.world import KINDS, BuildingKind, draw_pair
 
 BUILDINGS = 24
@@ -159,7 +160,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         maps, again, space = draw_buildings(kind, options.buildings, rng)
         parts.append(gather(maps, again, len(space), options.walks, rng))
     joined = Examples(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("x", "right", "at_home")))
-    options.output.write_bytes(msgspec.json.format(msgspec.json.encode(fit(joined)), indent=1) + b"\n")
+    write_whole(options.output, msgspec.json.format(msgspec.json.encode(fit(joined)), indent=1) + b"\n")
 
 
 if __name__ == "__main__":

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 
 from semloc_core.errors import TrainingError
+from semloc_core.whole_file import write_whole
 
 
 def plot_curve(history: Sequence[dict[str, float]], path: Path) -> None:
@@ -37,7 +39,9 @@ def plot_curve(history: Sequence[dict[str, float]], path: Path) -> None:
     losses.set(xlabel="step", ylabel="loss")
     scores.set(ylabel="PR-AUC", ylim=(0, 1))
     losses.legend(handles=lines, loc="center right")
+    drawn = io.BytesIO()
     try:
-        figure.savefig(path)
+        figure.savefig(drawn, format=path.suffix[1:] or None)
+        write_whole(path, drawn.getvalue())
     except (OSError, ValueError) as error:
         raise TrainingError(f"expected a picture that can be written (got {path}: {error})") from error

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import os
+import io
 import pickle
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from semloc_core.errors import TrainingError
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.labelspace import Labelspace
 from semloc_core.training.config import TrainConfig
+from semloc_core.whole_file import write_whole
 
 FORMAT = 1
 
@@ -93,19 +93,15 @@ def save_state(path: Path, state: TrainingState, inputs: str) -> None:
         "optimiser": state.optimiser,
         "best": state.best,
     }
+    # Into memory first: torch reports a full disk as an error of its own, after what it wrote.
+    packed = io.BytesIO()
+    torch.save(content, packed)
     try:
-        descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        try:
-            with os.fdopen(descriptor, "wb") as file:
-                torch.save(content, file)
-                file.flush()
-                os.fsync(file.fileno())
-            Path(name).replace(path)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
+        write_whole(path, packed.getvalue())
     except OSError as error:
-        raise TrainingError(f"expected a training state that can be written (got {path}: {error})") from error
+        raise TrainingError(
+            f"expected a training state that can be written (got {path}: {error.strerror or error})"
+        ) from error
 
 
 def load_state(path: Path, inputs: str) -> TrainingState:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
-import signal
 import sqlite3
 import sys
 import time
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
+from killing import run_and_kill
 from map_cases import Building, make_building, make_map, make_model
 
 from semloc_core.map_database import LoadedMap, MapDatabase, load
@@ -28,24 +26,6 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL a
 @pytest.fixture(scope="module")
 def model() -> Model:
     return make_model()
-
-
-def run_and_kill(work: Callable[[int], None], seconds: float) -> list[str]:
-    """Run ``work`` in a child that reports on a pipe, kill it some time after it begins; what it reported."""
-    reports, end = os.pipe()
-    # Forked, so that a round costs milliseconds: a fresh interpreter would spend seconds on imports.
-    child = multiprocessing.get_context("fork").Process(target=work, args=(end,))
-    child.start()
-    os.close(end)
-    assert os.read(reports, 1) == b"\n"  # it has begun
-    time.sleep(seconds)
-    assert child.pid is not None
-    os.kill(child.pid, signal.SIGKILL)
-    child.join()
-    with os.fdopen(reports) as file:
-        said = file.read()
-    assert child.exitcode == -signal.SIGKILL, "the work ended or failed before it could be killed"
-    return said.splitlines()
 
 
 def which_variant(loaded: LoadedMap, name: str, variants: list[Building]) -> int:

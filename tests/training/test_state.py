@@ -1,3 +1,4 @@
+import os
 import pickle
 from pathlib import Path
 
@@ -30,9 +31,9 @@ def test_a_write_that_fails_leaves_the_old_state(tmp_path: Path, monkeypatch):
     save_state(tmp_path / "s", STATE, "x")
 
     def full(*_):
-        raise OSError("No space left on device")
+        raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(torch, "save", full)
+    monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(TrainingError, match="No space left"):
         save_state(tmp_path / "s", STATE, "y")
     assert load_state(tmp_path / "s", "x").progress == STATE.progress

@@ -1,0 +1,98 @@
+"""SIGKILL while ``semloc map merge`` runs: the map is as it was or merged, never between; so is the file of figures."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import sqlite3
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+from killing import run_and_kill
+from lived_in import office, rings, seen_again
+
+from semloc_core import wire
+from semloc_core.bag import BagWriter
+from semloc_core.cli import app
+from semloc_core.map_database import MapDatabase, load
+from semloc_core.map_merge import Merged, store
+from semloc_core.model import embed_graph
+
+ROUNDS = int(os.environ.get("SEMLOC_SOAK", "0")) or 8  # set by `make soak`
+OLD = b"what was there before\n"
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL and fork")
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    """A map of an office, and the words of the command that merges a later traversal into it."""
+    folder = tmp_path_factory.mktemp("merged")
+    arrays, space = office()
+    model = rings(space)
+    with MapDatabase.create(folder / "before.map", model) as database:
+        graph = arrays.to_scene_graph(space)
+        database.add_building("office", graph, arrays.place_ids, arrays.place_positions, embed_graph(model, arrays))
+    with BagWriter(folder / "later.mcap") as bag:
+        later = seen_again(arrays, space).to_update(seq=0, stamp_ns=0, frame_id="odom")
+        bag.write_string("/scene_graph", 0, wire.encode(later))
+    return folder, ["map", "merge", str(folder / "office.map"), str(folder / "later.mcap")]
+
+
+def test_killed_while_merging(case: tuple[Path, list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, words = case
+    path, figures = folder / "office.map", folder / "figures.json"
+    words = [*words, "--json", str(figures)]
+    shutil.copy(folder / "before.map", path)
+    propose, writing = store.propose, store.write
+    proposed, began = [], [0.0]
+
+    def kept(*given: Any, **options: Any) -> tuple[str, Merged]:
+        if not proposed:  # the same each time, and nothing is written yet
+            proposed.append(propose(*given, **options))
+        return proposed[0]
+
+    def timed(*given: Any) -> None:
+        began[0] = time.perf_counter()
+        writing(*given)
+
+    monkeypatch.setattr(store, "propose", kept)
+    monkeypatch.setattr(store, "write", timed)
+    before = load(path).hash
+    for _ in range(2):  # the first loads modules
+        shutil.copy(folder / "before.map", path)
+        app(words, standalone_mode=False)
+    usual = time.perf_counter() - began[0]  # from where the map is about to be changed to the command's end
+    merged, whole = load(path).hash, figures.read_bytes()
+    assert before != merged
+
+    rng, found = random.Random(0), []
+    for _ in range(ROUNDS):
+        shutil.copy(folder / "before.map", path)
+        figures.write_bytes(OLD)
+
+        def work(end: int) -> None:
+            def reported(*given: Any) -> None:
+                os.write(end, b"\n")
+                writing(*given)
+
+            monkeypatch.setattr(store, "write", reported)  # in the child alone
+            app(words, standalone_mode=False)
+            time.sleep(60)  # to be killed
+
+        run_and_kill(work, rng.uniform(0.0, 2.5) * usual)
+        state = load(path).hash
+        assert state in (before, merged)
+        with closing(sqlite3.connect(path)) as connection:
+            assert connection.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+        said = figures.read_bytes()
+        assert said == OLD or (said == whole and state == merged)
+        found.append(state == merged)
+        shown = {each.name for each in folder.iterdir() if not each.name.startswith(".")}
+        assert shown == {"before.map", "later.mcap", path.name, figures.name}
+    assert not all(found), "the kills came too late"
