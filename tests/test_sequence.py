@@ -203,3 +203,33 @@ def test_a_step_is_quick_and_its_cost_grows_no_worse_than_linearly():
     small, large = step_ms(8), step_ms(26)  # 1,568 and 5,096 places
     assert np.median(large) < 5.0
     assert np.median(large) < 1.5 * (26 / 8) * np.median(small)
+
+
+def test_belief_is_carried_over_to_a_map_of_other_buildings():
+    """Rows of what both maps have; what the new one has besides is where a robot carried away could be, and no more."""
+    graphs = {name: corridor(seed) for seed, name in enumerate("abc")}
+    before, after = (map_model([graphs[name] for name in names], SPACE) for names in ("ab", "bc"))
+    config = FilterConfig(memory=1.0)
+    robot = PlaceFilter(before, config)
+    for step in range(4):
+        robot.update(at(10 + step, building=1, height=8.0), float(step > 0))
+    same_rows = np.concatenate([np.arange(LENGTH, 2 * LENGTH), np.full(LENGTH, -1)])
+    moved = PlaceFilter(after, config)
+    moved.carry_over(robot, same_rows)
+    np.testing.assert_allclose(moved.belief[:LENGTH], robot.belief[LENGTH:], rtol=1e-4)
+    assert moved.belief[LENGTH:].max() == 0
+    next_belief, stayed = moved.update(NOTHING, 1.0), robot.update(NOTHING, 1.0)
+    np.testing.assert_allclose(next_belief[:LENGTH], stayed[LENGTH:], rtol=1e-2, atol=1e-5)
+    assert 0 < next_belief[LENGTH:].sum() < 2 * config.leak
+    for _ in range(6):  # seen to be elsewhere, it is believed to be
+        next_belief = moved.update(at(3, building=1, height=8.0), 1.0)
+    assert next_belief.argmax() == rows(3, building=1)
+
+
+def test_where_nothing_is_left_of_a_belief_nothing_is_known(places):
+    robot, other = PlaceFilter(places), PlaceFilter(places)
+    robot.update(at(10), 0.0)
+    robot.update(at(11), 1.0)
+    other.carry_over(robot, np.full(2 * LENGTH, -1))
+    np.testing.assert_array_equal(other.belief, PlaceFilter(places).belief)
+    np.testing.assert_array_equal(other.update(at(3), 1.0), PlaceFilter(places).update(at(3), 1.0))

@@ -13,11 +13,13 @@ not found where the robot has looked, room where the map has none.
 from semloc_core.layout.config import LayoutConfig
 from semloc_core.layout.fragment import Fragment, fragment_of_arrays, fragment_of_graph
 from semloc_core.layout.mapped import MappedLayout
+from semloc_core.layout.part import LayoutPart
 from semloc_core.layout.verifier import LayoutVerifier, Verified
 
 __all__ = [
     "Fragment",
     "LayoutConfig",
+    "LayoutPart",
     "LayoutVerifier",
     "MappedLayout",
     "Verified",

@@ -29,24 +29,13 @@ class CoarseScan:
 
     Args:
         mapped: the map; at most `MOST_PLACES` places, or it is slow and large.
+        counted: what `count` makes of it, where that is known.
 
     """
 
-    def __init__(self, mapped: MappedLayout) -> None:
-        self._n_classes, self._reach = mapped.n_classes, mapped.config.reach_m
-        objects = np.zeros((mapped.n_places, mapped.n_classes, len(RING_CENTRES_M)), dtype=np.float32)
-        room = np.zeros((mapped.n_places, len(RING_CENTRES_M)), dtype=np.float32)
-        table = _shares(STEP_M * (np.arange(round(self._reach / STEP_M) + 1, dtype=np.float64) + 0.5))
-        for first in range(0, mapped.n_places, BLOCK_ROWS):
-            _count_objects(objects[first : first + BLOCK_ROWS], mapped, first, table)
-        for building, rows in enumerate(mapped.rows):
-            free = thinned(mapped.free_space(building))
-            here = Nearby(mapped.positions[rows], free, self._reach, mapped.config.floor_m)
-            for first, last, i, _, metres in here.blocks():
-                at = (i - first) * len(table) + _step(metres)
-                counts = np.bincount(at, minlength=(last - first) * len(table)).reshape(-1, len(table))
-                room[rows.start + first : rows.start + last] = counts @ table
-        self._model = ObservationModel(Surroundings(objects, room), ObservationConfig())
+    def __init__(self, mapped: MappedLayout, counted: Surroundings | None = None) -> None:
+        self._n_classes = mapped.n_classes
+        self._model = ObservationModel(count(mapped) if counted is None else counted, ObservationConfig())
 
     def log_likelihood(self, fragment: Fragment) -> NDArray[np.float32]:
         """(M,) of each place of the map, up to a constant."""
@@ -55,6 +44,24 @@ class CoarseScan:
         room = _shares(_metres(fragment.places)).sum(axis=0, keepdims=True)
         found: NDArray[np.float32] = self._model.log_likelihood(Surroundings(objects, room))[0]
         return found
+
+
+def count(mapped: MappedLayout) -> Surroundings:
+    """What is around each of the M places of a map; that of several maps together is that of each, one by one."""
+    objects = np.zeros((mapped.n_places, mapped.n_classes, len(RING_CENTRES_M)), dtype=np.float32)
+    room = np.zeros((mapped.n_places, len(RING_CENTRES_M)), dtype=np.float32)
+    reach = mapped.config.reach_m
+    table = _shares(STEP_M * (np.arange(round(reach / STEP_M) + 1, dtype=np.float64) + 0.5))
+    for first in range(0, mapped.n_places, BLOCK_ROWS):
+        _count_objects(objects[first : first + BLOCK_ROWS], mapped, first, table)
+    for building, rows in enumerate(mapped.rows):
+        free = thinned(mapped.free_space(building))
+        here = Nearby(mapped.positions[rows], free, reach, mapped.config.floor_m)
+        for first, last, i, _, metres in here.blocks():
+            at = (i - first) * len(table) + _step(metres)
+            counts = np.bincount(at, minlength=(last - first) * len(table)).reshape(-1, len(table))
+            room[rows.start + first : rows.start + last] = counts @ table
+    return Surroundings(objects, room)
 
 
 def affordable(mapped: MappedLayout) -> bool:

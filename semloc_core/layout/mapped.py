@@ -134,10 +134,44 @@ class MappedLayout:
         """(K,) probability that each object is there and is detected."""
         first = np.concatenate([[0], np.cumsum([k.sum() for k in known])]).astype(np.int64)
         self._object_runs = [slice(int(a), int(b)) for a, b in pairwise(first)]
+        self._count_classes()
+
+    @classmethod
+    def joined(cls, parts: Sequence[MappedLayout]) -> MappedLayout:
+        """What all the buildings of several maps make, one map after another: equal to reading them together.
+
+        Args:
+            parts: at least one, of the same classes and configuration; all that they have ready is taken over.
+
+        """
+        found = cls([], [], parts[0].n_classes, parts[0].config)
+        rows = np.cumsum([0, *(part.n_places for part in parts)]).tolist()
+        objects = np.cumsum([0, *(len(part.object_classes) for part in parts)]).tolist()
+        buildings = np.cumsum([0, *(len(part.rows) for part in parts)]).tolist()
+        found.positions = np.concatenate([part.positions for part in parts])
+        found.building = np.concatenate([part.building + b for part, b in zip(parts, buildings, strict=False)])
+        found.object_positions = np.concatenate([part.object_positions for part in parts])
+        found.object_classes = np.concatenate([part.object_classes for part in parts])
+        found.detected = np.concatenate([part.detected for part in parts])
+        starts, near = [np.zeros(1, np.int64)], [np.zeros(0, np.int64)]
+        for part, row, object_, building in zip(parts, rows, objects, buildings, strict=False):
+            found.rows += [slice(run.start + row, run.stop + row) for run in part.rows]
+            found._object_runs += [slice(run.start + object_, run.stop + object_) for run in part._object_runs]
+            found._places += part._places
+            found._rooms.update({building + number: part.room(number) for number in range(len(part.rows))})
+            start, there = part.objects_near
+            starts.append(start[1:] + starts[-1][-1])
+            near.append(there + object_)
+        found.objects_near = np.concatenate(starts), np.concatenate(near)
+        found._count_classes()
+        return found
+
+    def _count_classes(self) -> None:
+        n_classes = self.n_classes
         counts = np.bincount(self.object_classes, minlength=n_classes).astype(np.float64)
         # A class that no map has can be invented too.
         frequency = (counts / max(counts.sum(), 1.0) + 0.1 / n_classes) / 1.1
-        self.invented: Floats = config.invented * frequency
+        self.invented: Floats = self.config.invented * frequency
         """(C,) objects invented, per m² and class."""
 
     @property

@@ -14,6 +14,7 @@ from semloc_core.layout.coarse import CoarseScan, affordable
 from semloc_core.layout.config import LayoutConfig
 from semloc_core.layout.fragment import Fragment
 from semloc_core.layout.mapped import MappedLayout
+from semloc_core.layout.part import LayoutPart, joined_counts
 from semloc_core.layout.vote import best_poses, heading_scores
 
 APART_M = 1.0
@@ -64,10 +65,20 @@ class LayoutVerifier:
         config: LayoutConfig | None = None,
         weights: Sequence[Floats] | None = None,
     ) -> None:
-        self.config = config or LayoutConfig()
-        self.mapped = MappedLayout(graphs, rows, n_classes, self.config, weights)
-        self.mapped.prepare()
-        self._scan = CoarseScan(self.mapped) if affordable(self.mapped) else None
+        mapped = MappedLayout(graphs, rows, n_classes, config or LayoutConfig(), weights)
+        mapped.prepare()
+        self._take(mapped, CoarseScan(mapped) if affordable(mapped) else None)
+
+    @classmethod
+    def joined(cls, parts: Sequence[LayoutPart]) -> LayoutVerifier:
+        """A verifier of several maps, one after another: equal to one that reads them all together, in less time."""
+        made = cls.__new__(cls)
+        mapped = MappedLayout.joined([part.mapped for part in parts])
+        made._take(mapped, CoarseScan(mapped, joined_counts(parts)) if affordable(mapped) else None)
+        return made
+
+    def _take(self, mapped: MappedLayout, scan: CoarseScan | None) -> None:
+        self.config, self.mapped, self._scan = mapped.config, mapped, scan
 
     def verify(
         self,
