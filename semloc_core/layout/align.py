@@ -170,7 +170,7 @@ def _walls(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats
     at[..., 2] = z + origin[:, 2, None]
     walls = np.zeros(len(rows))
     for building in np.unique(mapped.building[rows]).tolist():
-        room, mine = mapped.room(building), mapped.building[rows] == building
+        room, mine = mapped.rooms[building], mapped.building[rows] == building
         if room is not None:
             walls[mine] = room.at(at[mine]).sum(axis=1)
     return walls

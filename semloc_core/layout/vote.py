@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from semloc_core.geodesic import ranges
 from semloc_core.graph_arrays import Floats, Ints
 from semloc_core.layout.fragment import Fragment
-from semloc_core.layout.mapped import Floats32, MappedLayout
+from semloc_core.layout.mapped import MappedLayout
+from semloc_core.layout.room import Floats32
 
 HEADINGS = 24
 """Headings that are tried, evenly around."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from semloc_core.graph_arrays import GraphArrays
-from semloc_core.layout import LayoutConfig, MappedLayout, fragment_of_arrays
+from semloc_core.layout import LayoutConfig, LayoutPart, MappedLayout, fragment_of_arrays
 from semloc_core.layout.align import align
 from semloc_core.layout.vote import HEADINGS, best_poses, heading_scores
 
@@ -30,7 +30,7 @@ def building(objects, classes, places):
 
 
 def layout(graph, n_classes=3):
-    return MappedLayout([graph], [np.arange(graph.n_places)], n_classes, CONFIG)
+    return MappedLayout([LayoutPart(graph, np.arange(graph.n_places), n_classes)], n_classes, CONFIG)
 
 
 def turn(graph, angle, shift):
@@ -85,7 +85,7 @@ def test_an_object_that_is_likely_gone_counts_for_less_found_or_missed():
     every = np.arange(both.n_places)
     scores = {}
     for weights in ((1.0, 1.0), (1.0, 0.5), (1.0, 0.0), (0.5, 1.0), (0.0, 1.0)):
-        mapped = MappedLayout([both], [every], 3, CONFIG, [np.array(weights)])
+        mapped = MappedLayout([LayoutPart(both, every, 3, np.array(weights))], 3, CONFIG)
         fitted = align(mapped, one, np.array([27]), np.array([0.0]))
         assert fitted.missing[0] == pytest.approx(CONFIG.detected * CONFIG.looked * sum(weights))
         scores[weights] = fitted.score[0]

@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from semloc_core.layout import LayoutConfig, LayoutVerifier, MappedLayout, fragment_of_arrays, mapped
-from semloc_core.layout.mapped import ROOM_CELL_M, Nearby, room_of
+from semloc_core.layout import LayoutConfig, LayoutPart, LayoutVerifier, MappedLayout, fragment_of_arrays, nearby
+from semloc_core.layout.nearby import Nearby
+from semloc_core.layout.room import ROOM_CELL_M, room_of
 
 CONFIG = LayoutConfig()
 
@@ -30,7 +31,7 @@ def pairs_within(a, b, reach_m, floor_m):
 @pytest.mark.parametrize("seed", range(3))
 def test_pairs_are_those_of_a_comparison_of_all_with_all(seed, monkeypatch):
     if seed:  # blocks of a few rows, and of one
-        monkeypatch.setattr(mapped, "_BLOCK_PAIRS", (200, 1)[seed - 1])
+        monkeypatch.setattr(nearby, "_BLOCK_PAIRS", (200, 1)[seed - 1])
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(-20, 20, (60, 3)), rng.uniform(-20, 20, (80, 3))
     off = a[:, None] - b[None]
@@ -82,10 +83,10 @@ def test_ten_thousand_objects_at_one_point_count_as_many_as_a_place_has_at_most(
     )
     verifier = LayoutVerifier([crowded], [np.arange(graph.n_places)], len(homes[2]))
     start, found = verifier.mapped.objects_near
-    assert np.diff(start).max() == mapped.MOST_NEAR
+    assert np.diff(start).max() == nearby.MOST_NEAR
     around = verifier.mapped.object_positions[found[: start[1]]] - at
     metres = np.linalg.norm(verifier.mapped.object_positions[:, :2] - at[:2], axis=1)
-    assert np.hypot(*around[:, :2].T).max() <= np.sort(np.round(metres, 6))[mapped.MOST_NEAR - 1] + 1e-6
+    assert np.hypot(*around[:, :2].T).max() <= np.sort(np.round(metres, 6))[nearby.MOST_NEAR - 1] + 1e-6
     answer = verifier.verify(fragment_of_arrays(crowded, 0, CONFIG))
     assert answer is not None
     assert np.isfinite(answer.score).all()
@@ -93,7 +94,7 @@ def test_ten_thousand_objects_at_one_point_count_as_many_as_a_place_has_at_most(
 
 def test_objects_near_a_place_are_found_and_unknown_classes_are_not(homes):
     maps, _, space = homes
-    layout = MappedLayout(maps, [np.arange(g.n_places) for g in maps], len(space), CONFIG)
+    layout = MappedLayout([LayoutPart(g, np.arange(g.n_places), len(space)) for g in maps], len(space), CONFIG)
     start, found = layout.objects_near
     assert len(start) == layout.n_places + 1
     row = maps[0].n_places + 3  # in the second building

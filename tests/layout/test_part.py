@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from semloc_core.layout import LayoutPart, LayoutVerifier, fragment_of_arrays
-from semloc_core.layout.coarse import CoarseScan
+from semloc_core.layout import LayoutConfig, LayoutPart, LayoutVerifier, fragment_of_arrays
 
 
 def same(a, b):
@@ -23,10 +22,8 @@ def test_a_joined_verifier_is_the_one_made_of_all_buildings(homes):
         same(getattr(joined.mapped, name), getattr(whole.mapped, name))
     for mine, theirs in zip(joined.mapped.objects_near, whole.mapped.objects_near, strict=True):
         same(mine, theirs)
-    assert joined.mapped.rows == whole.mapped.rows
-    for number in range(2):
-        same(joined.mapped.free_space(number), whole.mapped.free_space(number))
-        same(joined.mapped.room(number).cost, whole.mapped.room(number).cost)
+    for mine, theirs in zip(joined.mapped.rooms, whole.mapped.rooms, strict=True):
+        same(mine.cost, theirs.cost)
     for place in range(0, again[1].n_places, 5):
         fragment = fragment_of_arrays(again[1], place, whole.config)
         same(joined._scan.log_likelihood(fragment), whole._scan.log_likelihood(fragment))
@@ -38,9 +35,13 @@ def test_a_joined_verifier_is_the_one_made_of_all_buildings(homes):
 def test_parts_are_read_once_however_they_are_joined(homes, monkeypatch):
     maps, _, space = homes
     parts = [LayoutPart.of(home, np.arange(home.n_places), len(space)) for home in maps]
-    monkeypatch.setattr("semloc_core.layout.mapped.Nearby", None)
-    monkeypatch.setattr("semloc_core.layout.coarse.count", None)
-    monkeypatch.setattr("semloc_core.layout.mapped.room_of", None)
+    for name in ("Nearby", "RingCounter", "room_of"):
+        monkeypatch.setattr(f"semloc_core.layout.part.{name}", None)
     swapped = LayoutVerifier.joined(parts[::-1])
-    assert isinstance(swapped._scan, CoarseScan)
-    assert [run.stop - run.start for run in swapped.mapped.rows] == [maps[1].n_places, maps[0].n_places]
+    assert swapped._scan is not None
+    assert np.bincount(swapped.mapped.building).tolist() == [maps[1].n_places, maps[0].n_places]
+
+
+def test_no_buildings_are_no_answer(homes):
+    fragment = fragment_of_arrays(homes[1][0], 0, LayoutConfig())
+    assert LayoutVerifier([], [], len(homes[2])).verify(fragment) is None
