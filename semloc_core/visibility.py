@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,13 @@ from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.scene_graph import Change, SceneGraph
 
 _NOTHING: Mapping[str, float] = MappingProxyType({})
+
+
+class Views(NamedTuple):
+    """What an update changed: places whose view is another, in whatever it has; objects seen from elsewhere."""
+
+    places: frozenset[str]
+    objects: frozenset[str]
 
 
 class Visibility:
@@ -49,14 +57,15 @@ class Visibility:
         """Places that see an object -> distance (m), in no particular order; empty for an unknown object."""
         return self._places.get(object_, _NOTHING)
 
-    def update(self, change: Change) -> frozenset[str]:
+    def update(self, change: Change) -> Views:
         """Take in what an update of the graph changed. Every change must be given, in order; several may wait.
 
         Args:
             change: what `SceneGraph.apply` returned.
 
         Returns:
-            Places whose view changed: other objects, distances, or something about an object seen.
+            Places whose view changed (other objects, distances, or something about an object seen), and objects that
+            are seen from other places, or distances, than before.
 
         """
         refresh = self._update_sources(change)
@@ -66,11 +75,14 @@ class Visibility:
             for child in self.graph.children[source]:
                 refresh.setdefault(child, set()).update(moved)
         changed: set[str] = set()
+        moved_objects: set[str] = set()
         for object_, places in refresh.items():
-            changed |= self._refresh(object_, places)
+            if seen_from := self._refresh(object_, places):
+                changed |= seen_from
+                moved_objects.add(object_)
         for object_ in change.objects:
             changed.update(self._places.get(object_, ()))
-        return frozenset(changed)
+        return Views(frozenset(changed), frozenset(moved_objects))
 
     def _update_sources(self, change: Change) -> dict[str, set[str]]:
         """Begin and drop balls as objects come, go and change parents; object -> places to look at again."""

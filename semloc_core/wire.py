@@ -190,13 +190,14 @@ def _scalar(value: Any) -> Any:
 
 
 def _rounded(value: Any) -> Any:
-    if isinstance(value, float):
+    type_ = type(value)  # `msgspec.to_builtins` makes no subclasses
+    if type_ is float:
         if not math.isfinite(value):
             raise MessageError(f"expected finite numbers in a message (got {value})")
         return round(value, DECIMALS) + 0.0  # -0.0 + 0.0 is 0.0
-    if isinstance(value, dict):
-        return {key: _rounded(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
+    if type_ is dict:
+        return {key: item if type(item) is str else _rounded(item) for key, item in value.items()}
+    if type_ is list or type_ is tuple:
         return [_rounded(item) for item in value]
     return value
 

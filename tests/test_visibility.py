@@ -71,13 +71,14 @@ def test_an_object_without_parent_or_sighting_is_not_seen() -> None:
 def test_update_names_the_places_whose_view_changed() -> None:
     graph = corridor()
     visibility = Visibility(graph, 2.0)
-    assert visibility.update(graph.apply(update(removed_edges=[("p1", "p2")]))) == {"p2"}
-    assert visibility.update(graph.apply(update(edges=[("p1", "p2")]))) == {"p2"}
-    assert visibility.update(graph.apply(update([Place("p9", (0.0, 2.0, 0.0))], edges=[("p9", "p5")]))) == frozenset()
+    assert visibility.update(graph.apply(update(removed_edges=[("p1", "p2")]))) == ({"p2"}, {"x"})
+    assert visibility.update(graph.apply(update(edges=[("p1", "p2")]))) == ({"p2"}, {"x"})
+    far = update([Place("p9", (0.0, 2.0, 0.0))], edges=[("p9", "p5")])
+    assert visibility.update(graph.apply(far)) == (set(), set())
     recoloured = Object("y", "couch", (5.0, 0.0, 0.0))
-    assert visibility.update(graph.apply(update(objects=[recoloured]))) == {"p3", "p4", "p5"}
-    assert visibility.update(graph.apply(update(removed_nodes=["x"]))) == {"p0", "p1", "p2"}
-    assert visibility.update(graph.apply(graph.to_update(0, 0, "map"))) == frozenset()
+    assert visibility.update(graph.apply(update(objects=[recoloured]))) == ({"p3", "p4", "p5"}, set())
+    assert visibility.update(graph.apply(update(removed_nodes=["x"]))) == ({"p0", "p1", "p2"}, {"x"})
+    assert visibility.update(graph.apply(graph.to_update(0, 0, "map"))) == (set(), set())
 
 
 def test_an_update_far_from_all_objects_looks_at_no_ball(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,10 +120,12 @@ class KeptEqualsRebuilt(RuleBasedStateMachine):
     @rule()
     def take_in(self) -> None:
         before = rows(self.visibility)
-        changed = frozenset().union(*[self.visibility.update(change) for change in self.waiting])
+        views = [self.visibility.update(change) for change in self.waiting]
         self.waiting.clear()
         after = rows(self.visibility)
-        assert {p for p, o in before.keys() | after.keys() if before.get((p, o)) != after.get((p, o))} <= changed
+        differ = {pair for pair in before.keys() | after.keys() if before.get(pair) != after.get(pair)}
+        assert {p for p, _ in differ} <= frozenset().union(*[view.places for view in views])
+        assert {o for _, o in differ} <= frozenset().union(*[view.objects for view in views])
 
     @precondition(lambda self: not self.waiting)
     @invariant()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -41,21 +42,63 @@ def roll_out(batch: Batch, edges: TrimmedEdges, attention: Attention) -> tuple[T
         credit (N,) float32, zero for places, and self_share (B,) float32.
 
     """
-    layers, roots, nodes = len(edges.within), batch.n_roots, batch.nodes_within
-    # in numpy: no gradient is wanted, and on graphs of this size its calls cost a fraction of torch's
-    source, target = _numpy(edges.source), _numpy(edges.target)
-    is_object, graph = _numpy(batch.is_object), _numpy(batch.graph)
+    weights, own = _numpy(attention.edges), attention.self_loops
+    credit, self_share = follow(
+        _numpy(batch.is_object),
+        _numpy(batch.graph),
+        batch.n_roots,
+        batch.nodes_within,
+        edges.within,
+        _numpy(edges.source),
+        _numpy(edges.target),
+        weights,
+        None if own is None else _numpy(own),
+    )
+    like = attention.edges
+    return torch.from_numpy(credit).to(like), torch.from_numpy(self_share).to(like)
 
-    count = edges.within[0]
-    credit = _sums(source[:count], _mean_head(attention.edges), nodes[1])
-    if attention.self_loops is not None:
-        credit[:roots] += _mean_head(attention.self_loops)
+
+def follow(
+    is_object: NDArray[np.bool_],
+    graph: NDArray[np.int64],
+    roots: int,
+    nodes: Sequence[int],
+    edges: Sequence[int],
+    source: NDArray[np.int64],
+    target: NDArray[np.int64],
+    weights: NDArray[np.float32],
+    own: NDArray[np.float32] | None,
+) -> tuple[Floats, Floats]:
+    """`roll_out` on arrays.
+
+    In numpy: no gradient is wanted, and on graphs of this size its calls cost a fraction of torch's.
+
+    Args:
+        is_object: (N,).
+        graph: (N,) which root each node belongs to.
+        roots: B.
+        nodes: nodes within 0 … H hops.
+        edges: edges into nodes within 0 … layers-1 hops.
+        source: (E,).
+        target: (E,), ascending.
+        weights: (E₀, heads) attention of the edges into roots.
+        own: (B, heads) of the self-loops, or None.
+
+    Returns:
+        (N,) credit and (B,) self share.
+
+    """
+    layers = len(edges)
+    count = edges[0]
+    credit = _sums(source[:count], _mean_head(weights), nodes[1])
+    if own is not None:
+        credit[:roots] += _mean_head(own)
     else:
         credit[:roots] = np.where(np.bincount(target[:count], minlength=roots) == 0, 1.0, credit[:roots])
 
     inputs = 1.0 + np.bincount(target, minlength=nodes[layers - 1])
     for hops in range(1, layers):  # the layer that computed rows within `hops`, from rows within `hops + 1`
-        n, count = nodes[hops], edges.within[hops]
+        n, count = nodes[hops], edges[hops]
         share = np.where(is_object[:n], 0.0, credit / inputs[:n])
         passed = _sums(source[:count], share[target[:count]], nodes[hops + 1])
         passed[:n] += np.where(is_object[:n], credit, share)
@@ -63,10 +106,9 @@ def roll_out(batch: Batch, edges: TrimmedEdges, attention: Attention) -> tuple[T
 
     n = nodes[layers]
     self_share = _sums(graph[:n], np.where(is_object[:n], 0.0, credit), roots)
-    result = np.zeros(batch.n_nodes)
+    result = np.zeros(len(is_object))
     result[:n] = np.where(is_object[:n], credit, 0.0)
-    like = attention.edges
-    return torch.from_numpy(result).to(like), torch.from_numpy(self_share).to(like)
+    return result, self_share
 
 
 def _sums(index: NDArray[np.int64], weight: Floats, n: int) -> Floats:
@@ -74,9 +116,9 @@ def _sums(index: NDArray[np.int64], weight: Floats, n: int) -> Floats:
     return np.bincount(index, weight, n).astype(np.float64, copy=False)
 
 
-def _mean_head(attention: Tensor) -> Floats:
+def _mean_head(attention: NDArray[np.float32]) -> Floats:
     """(E, heads) -> (E,) float64."""
-    mean: Floats = _numpy(attention).sum(1, dtype=np.float64) / attention.shape[1]
+    mean: Floats = attention.sum(1, dtype=np.float64) / attention.shape[1]
     return mean
 
 

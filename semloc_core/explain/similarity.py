@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from semloc_core.encoder.base import Encoded, Encoder
+from semloc_core.encoder.query import QueryEncoder
 from semloc_core.errors import ModelError
 from semloc_core.explain.intrinsic import intrinsic_scores
 from semloc_core.explain.paper_copies import PaperCopies
@@ -26,6 +27,8 @@ from semloc_core.place_graph import Batch, repeat
 
 NODES_AT_ONCE = 2**13
 """Nodes in one union of copies: beyond a few thousand nothing gets faster, and memory would grow without bound."""
+FEW = 4
+"""Variants up to which making ready for many costs more than it saves."""
 
 
 class Similarity(Protocol):
@@ -51,30 +54,30 @@ class PerturbedEncoder:
         encoder: in eval mode.
         batch: one query place, N nodes.
         nodes_at_once: variants are encoded in portions of about so many nodes (at least one variant at a time).
+        queries: of that encoder, where there is one: a few variants are then embedded one by one.
 
     Raises:
         ModelError: a batch of more places than one, or an encoder that is being trained.
 
     """
 
-    def __init__(self, encoder: Encoder, batch: Batch, nodes_at_once: int = NODES_AT_ONCE) -> None:
+    def __init__(
+        self,
+        encoder: Encoder,
+        batch: Batch,
+        nodes_at_once: int = NODES_AT_ONCE,
+        queries: QueryEncoder | None = None,
+    ) -> None:
         if batch.n_roots != 1:
             raise ModelError(f"expected a batch of one query place (got {batch.n_roots})")
         if encoder.training and encoder.trainable:
             raise ModelError("expected an encoder in eval mode (got one in training mode)")
-        self.batch = replace(
-            batch,
-            features=_normal(batch.features),
-            edge_index=_normal(batch.edge_index),
-            edge_length=_normal(batch.edge_length),
-            is_object=_normal(batch.is_object),
-            graph=_normal(batch.graph),
-        )
+        self.batch = _normal_batch(batch)
         self.dimension = encoder.dimension
         self._encoder = encoder
         self._portion = max(1, nodes_at_once // max(1, batch.n_nodes))
+        self._queries = queries
         self._copies = lru_cache(maxsize=4)(self._make_copies)
-        self._paper = PaperCopies(encoder, self.batch) if PaperCopies.fits(encoder, self.batch) else None
 
     def embed(self, features: Tensor | None = None, keep: Tensor | None = None) -> Tensor:
         """Embed K variants; arguments as of `Similarity`.
@@ -87,8 +90,13 @@ class PerturbedEncoder:
 
         """
         k = self._check(features, keep)
-        if features is None and keep is not None and self._removals is not None:
-            return self._removals.embed(keep)
+        if features is None and keep is not None:
+            if self._queries is not None and k <= FEW:
+                few = self._queries.embed(self.batch, keep.numpy())
+                if few is not None:
+                    return torch.from_numpy(few)
+            if self._removals is not None:
+                return self._removals.embed(keep)
         wants_gradient = features is not None and features.requires_grad
         with torch.inference_mode(False), torch.set_grad_enabled(wants_gradient):
             parts = [
@@ -133,6 +141,10 @@ class PerturbedEncoder:
             copies = copies.with_features(features[start:stop].flatten(0, 1).index_select(0, order))
         kept = keep[start:stop].flatten().index_select(0, order) if keep is not None else None
         return self._encoder(copies, keep=kept)  # type: ignore[no-any-return]  # nn.Module's call is untyped
+
+    @cached_property
+    def _paper(self) -> PaperCopies | None:
+        return PaperCopies(self._encoder, self.batch) if PaperCopies.fits(self._encoder, self.batch) else None
 
     @cached_property
     def _removals(self) -> PaperRemovals | None:
@@ -200,6 +212,7 @@ class SimilarityQuery:
         class_names: Sequence[str],
         encoded: Encoded | None = None,
         nodes_at_once: int = NODES_AT_ONCE,
+        queries: QueryEncoder | None = None,
     ) -> SimilarityQuery:
         """Ask an encoder.
 
@@ -210,6 +223,7 @@ class SimilarityQuery:
             class_names: N names; those of places are not read.
             encoded: what the encoder made of ``batch``, where that is known: saves a pass.
             nodes_at_once: see `PerturbedEncoder`.
+            queries: see `PerturbedEncoder`.
 
         Raises:
             ModelError: as of `PerturbedEncoder`, or a target of another dimension.
@@ -223,7 +237,7 @@ class SimilarityQuery:
                 return intrinsic_scores(encoder, batch, known, tuple(class_names), target)
 
         return replace(
-            cls.from_perturbed(PerturbedEncoder(encoder, batch, nodes_at_once), target, class_names),
+            cls.from_perturbed(PerturbedEncoder(encoder, batch, nodes_at_once, queries), target, class_names),
             intrinsic=intrinsic,
             known=float(encoded.embedding[0] @ target) if encoded is not None else None,
         )
@@ -334,6 +348,16 @@ class SimilarityQuery:
             standard_error=standard_error,
             completeness_gap=completeness_gap,
         )
+
+
+def _normal_batch(batch: Batch) -> Batch:
+    tensors = (batch.features, batch.edge_index, batch.edge_length, batch.is_object, batch.graph)
+    if not any(tensor.is_inference() for tensor in tensors):
+        return batch
+    features, edge_index, edge_length, is_object, graph = map(_normal, tensors)
+    return replace(
+        batch, features=features, edge_index=edge_index, edge_length=edge_length, is_object=is_object, graph=graph
+    )
 
 
 def _normal(tensor: Tensor) -> Tensor:

@@ -14,6 +14,7 @@ from semloc_core.labelspace import Labelspace
 from semloc_core.place_graph.batch import Batch
 from semloc_core.place_graph.combine import repeat, union
 from semloc_core.place_graph.ego import ego_batch
+from semloc_core.place_graph.ego_rows import EgoRows
 from semloc_core.place_graph.reach import reach_all_batch, reach_batch, take_stars
 from semloc_core.place_graph.whole import whole_graph_batch
 from semloc_core.scene_graph import SceneGraph
@@ -24,6 +25,7 @@ if TYPE_CHECKING:  # encoders read batches, so they import this package
 
 __all__ = [
     "Batch",
+    "EgoRows",
     "ego_batch",
     "extract",
     "extract_all",

@@ -36,6 +36,7 @@ class Batch:
         node_ids: N ids, of places and objects.
         free_space: (B, R) float32, m² of free space around each root in R bands of distance
             (`semloc_core.place_graph.free_space`); None unless the encoder asks for it.
+        kinds: (N,) int64, 0 for a place and 1 + class for an object, where ``features`` says just that; else None.
 
     """
 
@@ -49,6 +50,7 @@ class Batch:
     edges_within: tuple[int, ...]
     node_ids: tuple[str, ...]
     free_space: Tensor | None = None
+    kinds: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
         n, e = self.features.shape[0], self.edge_index.shape[1]
@@ -66,6 +68,7 @@ class Batch:
             assert self.free_space.dtype == torch.float32, self.free_space.dtype
             assert self.free_space.ndim == 2, self.free_space.shape
             assert self.free_space.shape[0] == self.n_roots, (self.free_space.shape, self.n_roots)
+        assert self.kinds is None or self.kinds.shape == (n,), self.kinds.shape
         assert self.edges_within == () or self.edges_within[-1] == e, (self.edges_within, e)
 
     @property
@@ -75,7 +78,7 @@ class Batch:
 
     def with_features(self, features: Tensor) -> Batch:
         """The same graph with other node features (N, C)."""
-        return replace(self, features=features)
+        return replace(self, features=features, kinds=None)
 
 
 def batch_of_arrays(
@@ -88,6 +91,7 @@ def batch_of_arrays(
     nodes_within: Sequence[int],
     edges_within: Sequence[int],
     node_ids: Sequence[str],
+    kinds: NDArray[np.int64] | None = None,
 ) -> Batch:
     """Make a batch from arrays that are sorted already; for those who extract.
 
@@ -101,6 +105,7 @@ def batch_of_arrays(
         nodes_within: as in `Batch`.
         edges_within: as in `Batch`.
         node_ids: N ids.
+        kinds: as in `Batch`.
 
     Raises:
         LabelspaceError: a class index is not below ``n_classes``.
@@ -121,4 +126,5 @@ def batch_of_arrays(
         nodes_within=tuple(nodes_within),
         edges_within=tuple(edges_within),
         node_ids=tuple(node_ids),
+        kinds=kinds,
     )

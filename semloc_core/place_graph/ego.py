@@ -70,17 +70,18 @@ def ego_batch(
     source = np.array(sources, dtype=np.int64)
     target = np.repeat(np.arange(inner), np.diff(edge_ends, prepend=0))
     order = np.argsort(target * len(nodes) + source)  # no key comes twice
-    classes = [labelspace.index(objects[node].class_) if node in objects else -1 for node in nodes]
+    classes = np.array([labelspace.index(objects[n].class_) if n in objects else -1 for n in nodes], dtype=np.int64)
     return batch_of_arrays(
-        classes=np.array(classes, dtype=np.int64),
+        classes=classes,
         n_classes=len(labelspace),
-        is_object=np.array([node in objects for node in nodes], dtype=bool),
+        is_object=classes >= 0,
         edges=np.stack([source[order], target[order]]),
         lengths=np.array(lengths, dtype=np.float64)[order],
         graph=np.array(owner, dtype=np.int64),
         nodes_within=nodes_within,
         edges_within=[ends[n - 1] if n else 0 for n in nodes_within[:hops]],
         node_ids=nodes,
+        kinds=classes + 1,
     )
 
 

@@ -1,0 +1,48 @@
+"""An encoder as a robot asks it: one place at a time, with weights that do not change."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from semloc_core.encoder.base import Encoded, Encoder
+from semloc_core.encoder.paper import PaperEncoder
+from semloc_core.encoder.paper_query import PaperQuery
+from semloc_core.place_graph import Batch
+
+
+class QueryEncoder:
+    """Embeds places by the fastest way there is for them; which one it is shows in nothing but rounding.
+
+    Args:
+        encoder: in eval mode; its weights as they are now are the ones used from then on.
+
+    """
+
+    def __init__(self, encoder: Encoder) -> None:
+        self.encoder = encoder
+        on_cpu = all(parameter.device.type == "cpu" for parameter in encoder.parameters())
+        self._paper = PaperQuery(encoder) if type(encoder) is PaperEncoder and on_cpu else None
+
+    def encode(self, batch: Batch) -> Encoded:
+        """Embed one place, and say where the attention went: `Encoder.encode`."""
+        if self._paper is not None and PaperQuery.fits(self.encoder, batch):
+            return self._paper.encode(batch)
+        with torch.inference_mode():
+            return self.encoder.encode(batch)
+
+    def embed(self, batch: Batch, keep: NDArray[np.bool_]) -> NDArray[np.float32] | None:
+        """Embed a few variants of one place.
+
+        Args:
+            batch: one place, N nodes.
+            keep: (K, N) which nodes stay.
+
+        Returns:
+            (K, D); None where there is no faster way than a union of copies.
+
+        """
+        if self._paper is not None and PaperQuery.fits(self.encoder, batch):
+            return self._paper.embed(batch, keep)
+        return None
