@@ -60,3 +60,19 @@ class Localisation:
     def matches(self) -> PlaceMatches | None:
         """The message to publish."""
         return self.located.matches if self.located is not None else None
+
+
+@dataclass(frozen=True)
+class ServerState:
+    """How the server that keeps a map does, as far as this robot knows.
+
+    Args:
+        answers: whether it answered when it was last asked.
+        line: one sentence.
+        values: figures, as text.
+
+    """
+
+    answers: bool
+    line: str
+    values: dict[str, str]

@@ -53,6 +53,20 @@ class LocaliserConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
             "and the way walked",
         ),
     ] = "none"
+    buildings: Annotated[
+        tuple[str, ...],
+        Meta(
+            description="only these buildings of the map, by patterns over their names such as hq/*; none: all",
+        ),
+    ] = ()
+    server_timeout_s: Annotated[
+        float,
+        Meta(ge=0.05, le=60.0, description="a map's server that takes longer counts as lost, in s"),
+    ] = 2.0
+    server_poll_s: Annotated[
+        float,
+        Meta(ge=0.05, le=3600.0, description="how often a map's server is asked whether the map has changed, in s"),
+    ] = 2.0
     max_update_bytes: Annotated[
         int, Meta(ge=1024, le=2**30, description="a larger update is refused, in bytes of JSON")
     ] = 16 * 2**20
@@ -80,6 +94,7 @@ def options(struct: type[msgspec.Struct]) -> list[Option]:
         if get_origin(hint) is Annotated:
             hint, meta = get_args(hint)[0], get_args(hint)[1]
         choices = tuple(get_args(hint)) if get_origin(hint) is Literal else ()
+        hint = get_origin(hint) or hint
         found.append(
             Option(
                 name=name,

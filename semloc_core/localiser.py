@@ -13,20 +13,21 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from semloc_core.answer import Localisation, Located, Query
+from semloc_core.answer import Localisation, Located, Query, ServerState
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
 from semloc_core.errors import SemlocError
 from semloc_core.explain import class_scores, object_scores
 from semloc_core.explain.explainers import explain
 from semloc_core.explain.fidelity import own_fidelity
 from semloc_core.explain.similarity import SimilarityQuery
+from semloc_core.filter_model import MapModel
 from semloc_core.map_database import LoadedMap
 from semloc_core.name_counter import NameCounter
-from semloc_core.place_graph import extract
 from semloc_core.posterior import CANDIDATES, IN_MAP, Ranking, modes, place_probabilities
 from semloc_core.radius_index import RadiusIndex
 from semloc_core.reranker import Reranked, Reranker, verifier_of
 from semloc_core.stream import Outcome, UpdateStream
+from semloc_core.surroundings import Surroundings
 from semloc_core.tracker import Tracker
 from semloc_core.visibility import Visibility
 from semloc_core.wire import (
@@ -68,14 +69,49 @@ class Localiser:
         self.stream = UpdateStream()
         self._seq, self._stamp_ns = 0, 0
         self._explained_ns: int | None = None
-        self._visibility: Visibility | None = None
+        self._surroundings: Surroundings | None = None
         self._answered: Located | None = None
-        self._model_info = ModelInfo(name=self.map.model.encoder.name, hash=self.map.model.hash)
-        self._index = RadiusIndex(self.map.positions, self.map.building_index, MATCH_RADIUS_M)
         self._odometry: Odometry | None = None
-        verifier = verifier_of(self.map) if self.config.rerank == "layout" else None
-        self._reranker = Reranker(self.map, verifier, self._index.within) if verifier is not None else None
-        self._tracker = Tracker(self.map) if self.config.filter == "bayes" and self.map.n_places else None
+        self._serve(self.map)
+
+    def _serve(self, loaded: LoadedMap, filter_model: MapModel | None = None) -> None:
+        """Answer from this map from now on; nothing is known of where the robot is in it."""
+        self.map, whole = loaded, loaded.part_of
+        self._map_info: MapInfo | None = MapInfo(
+            name=loaded.name,
+            hash=loaded.hash if whole is None else whole.hash,
+            places=loaded.n_places if whole is None else whole.n_places,
+        )
+        self._model_info: ModelInfo | None = ModelInfo(name=loaded.model.encoder.name, hash=loaded.model.hash)
+        self._index = RadiusIndex(loaded.positions, loaded.building_index, MATCH_RADIUS_M)
+        verifier = verifier_of(loaded) if self.config.rerank == "layout" else None
+        self._reranker = Reranker(loaded, verifier, self._index.within) if verifier is not None else None
+        tracked = self.config.filter == "bayes" and loaded.n_places
+        self._tracker = Tracker(loaded, model=filter_model) if tracked else None
+
+    @property
+    def buildings(self) -> tuple[str, ...]:
+        """Names of the buildings that an answer can be in."""
+        return self.map.buildings
+
+    def renewed(self, config: LocaliserConfig | None = None) -> Localiser:
+        """Another localiser on the same map that knows nothing of this one's stream.
+
+        Args:
+            config: its options, with the same ``buildings`` (only opening a map anew changes them); None: the same.
+
+        """
+        return Localiser(self.map, config or self.config)
+
+    def keep_up(self) -> None:
+        """Do what is to be done while nobody asks, too; nothing for a map in memory."""
+
+    def server(self) -> ServerState | None:
+        """How the map's server does; None for a map in memory. Any thread may ask."""
+        return None
+
+    def close(self) -> None:
+        """Let go of the map; the localiser is not used any more."""
 
     def update(self, update: SceneGraphUpdate | bytes | str) -> Localisation:
         """Take an update, and answer.
@@ -104,22 +140,36 @@ class Localiser:
         The other must not be used any more.
         """
         self.stream, self._seq, self._stamp_ns = other.stream, other._seq, other._stamp_ns
-        self._explained_ns, graph = other._explained_ns, other.stream.graph
-        self._odometry = other._odometry
+        self._explained_ns, self._odometry = other._explained_ns, other._odometry
         if self._tracker is not None and other._tracker is not None and other.map.hash == self.map.hash:
             self._tracker = other._tracker
-        self._visibility = None
+        self._look_again(other._visibility)
+
+    def _look_again(self, visibility: Visibility | None) -> None:
+        """Look at the graph as the map's model does.
+
+        Args:
+            visibility: what another model has seen of this graph; used where it looks as far.
+
+        """
+        graph, model = self.stream.graph, self.map.model
+        self._surroundings = None
         self.unknown_classes.clear()
         if graph is None:
             return
-        radius_m = self.map.model.encoder.extraction.visibility_m
-        same = other.map.model.encoder.extraction.visibility_m == radius_m
-        self._visibility = other._visibility if same else Visibility(graph, radius_m)
+        extraction = model.encoder.extraction
+        kept = visibility if visibility is not None and visibility.radius_m == extraction.visibility_m else None
+        self._surroundings = Surroundings(graph, model.labelspace, extraction, kept)
         for item in graph.objects.values():
             if self.map.model.labelspace.index(item.class_) < 0:
                 self.unknown_classes.see(item.class_)
 
     # -- 1. the update into the graph -----------------------------------------------------------------------
+
+    @property
+    def _visibility(self) -> Visibility | None:
+        """Of the graph as it is now."""
+        return None if self._surroundings is None else self._surroundings.visibility
 
     def apply(self, update: SceneGraphUpdate | bytes | str) -> Outcome:
         """Take an update into the graph, all or nothing (errors as of `update`)."""
@@ -133,11 +183,12 @@ class Localiser:
         self._odometry = update.odometry
         graph = self.stream.graph
         if graph is None:
-            self._visibility = None
-        elif self._visibility is None or self._visibility.graph is not graph:
-            self._visibility = Visibility(graph, self.map.model.encoder.extraction.visibility_m)
+            self._surroundings = None
+        elif self._surroundings is None or self._surroundings.graph is not graph:
+            model = self.map.model
+            self._surroundings = Surroundings(graph, model.labelspace, model.encoder.extraction)
         elif change is not None:
-            self._visibility.update(change)
+            self._surroundings.update(change)
         for item in update.objects:
             if outcome is Outcome.APPLIED and self.map.model.labelspace.index(item.class_) < 0:
                 self.unknown_classes.see(item.class_)
@@ -171,16 +222,20 @@ class Localiser:
         return self._locate(place or (graph.query_place if graph is not None else None))
 
     def _locate(self, place: str | None) -> Located:
-        query = self._embed(place)
-        if query.encoded is None:
-            if place is None:
-                self._track(query, np.zeros(len(self.map.place_ids), dtype=np.float32))
-            status: Status = "no_graph" if self.stream.graph is None or not len(self.map.place_ids) else "unknown"
+        return self._answer(self._embed(place), observed=place is None)
+
+    def _answer(self, query: Query, observed: bool) -> Located:
+        """Answer an embedded query; what was observed, not only asked about, is taken in by the filter."""
+        if query.encoded is None or not self.map.n_places:
+            if observed:
+                self._track(query, np.zeros(self.map.n_places, dtype=np.float32))
+            mapped = self._map_info is not None and self._map_info.places
+            status: Status = "unknown" if self.stream.graph is not None and mapped else "no_graph"
             return Located(query, self._message(query, status), self.map)
         z = query.encoded.embedding[0].numpy()
         raw, everywhere = self._search(z)
         tested = self._test(query, everywhere, raw)
-        believed = self._track(query, everywhere, tested) if place is None else None
+        believed = self._track(query, everywhere, tested) if observed else None
         calibrated = believed is None and self._reranker is not None
         if believed is not None:
             ranking = believed
@@ -231,11 +286,11 @@ class Localiser:
 
     def _embed(self, place: str | None) -> Query:
         """Find the query place, extract its surroundings, encode them."""
-        graph, model = self.stream.graph, self.map.model
+        graph = self.stream.graph
         if place is None and graph is not None:
             place = graph.query_place
         query = Query(self._stamp_ns, self._seq, place)
-        if graph is None or self._visibility is None or not len(self.map.place_ids):
+        if graph is None or self._surroundings is None:
             return query
         if place is None:
             return query.because("no query place")
@@ -243,11 +298,10 @@ class Localiser:
             return query.because("the place asked for is not in the graph")
         if not graph.neighbours[place]:
             return query.because("the query place is isolated")
-        batch = self.map.weigh(extract(graph, self._visibility, model.labelspace, [place], model.encoder.extraction))
+        batch = self.map.weigh(self._surroundings.batch(place))
         if not bool(batch.is_object.any()):
             return query.because("no object in reach of the query place")
-        with torch.inference_mode():
-            encoded = model.encoder.encode(batch)
+        encoded = self.map.queries.encode(batch)
         if not bool(encoded.embedding.any()):
             return query.because("the encoder has nothing to say of this place")
         names = tuple(
@@ -284,7 +338,12 @@ class Localiser:
             raise SemlocError(f"expected an answer with a match to explain (got {located.matches.status})")
         target = torch.from_numpy(located.map.embeddings[located.best_row])
         question = SimilarityQuery.from_encoder(
-            located.map.model.encoder, query.batch, target, query.class_names, query.encoded
+            located.map.model.encoder,
+            query.batch,
+            target,
+            query.class_names,
+            query.encoded,
+            queries=located.map.queries,
         )
         scores = explain(question, self.config.explainer, np.random.default_rng(EXPLAINER_SEED))
         best = located.matches.matches[0]
@@ -338,7 +397,7 @@ class Localiser:
             matches=matches or [],
             raw_matches=raw_matches,
             rivals=rivals or [],
-            map=MapInfo(name=self.map.name, hash=self.map.hash, places=len(self.map.place_ids)),
+            map=self._map_info,
             model=self._model_info,
             calibrated=calibrated,
             latency_ms=None,

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.graph_arrays import GraphArrays
-from semloc_core.layout import LayoutVerifier, Verified, fragment_of_graph
+from semloc_core.layout import LayoutPart, LayoutVerifier, Verified, fragment_of_graph
 from semloc_core.layout.confidence import confidence
 from semloc_core.map_database import LoadedMap
-from semloc_core.map_database.weights import class_weights, object_weights
+from semloc_core.map_database.weights import object_weights
 from semloc_core.posterior import Ranking, modes
 from semloc_core.scene_graph import SceneGraph
 
@@ -29,19 +29,36 @@ def verifier_of(loaded: LoadedMap) -> LayoutVerifier | None:
     return _VERIFIERS[loaded]
 
 
+def share_verifier(loaded: LoadedMap, verifier: LayoutVerifier) -> None:
+    """Give a map the verifier that was made for it elsewhere."""
+    _VERIFIERS[loaded] = verifier
+
+
 def _make(loaded: LoadedMap) -> LayoutVerifier:
-    labelspace = loaded.model.labelspace
-    graphs, rows, weights = [], [], []
-    of_class = class_weights((loaded.history(building).classes for building in loaded.buildings), labelspace)
-    for building in loaded.buildings:
-        graph = loaded.graph(building)
-        arrays = GraphArrays.from_scene_graph(graph, labelspace, building)
-        by_id = object_weights(graph, labelspace, loaded.history(building), of_class)
-        weights.append(np.array([by_id[key] for key in arrays.object_ids], dtype=np.float64))
-        index = {place: i for i, place in enumerate(arrays.place_ids)}
-        graphs.append(arrays)
-        rows.append(np.array([index[p] for p in loaded.place_ids[loaded.rows_of(building)]], dtype=np.int64))
-    return LayoutVerifier(graphs, rows, len(labelspace), weights=weights)
+    read = [_read(loaded, building) for building in loaded.buildings]
+    return LayoutVerifier(
+        [graph for graph, _, _ in read],
+        [rows for _, rows, _ in read],
+        len(loaded.model.labelspace),
+        weights=[weights for _, _, weights in read],
+    )
+
+
+def layout_part(loaded: LoadedMap, building: str) -> LayoutPart:
+    """One building of a map, ready to be verified together with others; see `LayoutVerifier.joined`."""
+    graph, rows, weights = _read(loaded, building)
+    return LayoutPart.of(graph, rows, len(loaded.model.labelspace), weights)
+
+
+def _read(loaded: LoadedMap, building: str) -> tuple[GraphArrays, Ints, NDArray[np.float64]]:
+    """A building, its places that are in the map, and how surely each of its objects is still there."""
+    graph, labelspace = loaded.graph(building), loaded.model.labelspace
+    arrays = GraphArrays.from_scene_graph(graph, labelspace, building)
+    by_id = object_weights(graph, labelspace, loaded.history(building), loaded.class_weights)
+    weights = np.array([by_id[key] for key in arrays.object_ids], dtype=np.float64)
+    index = {place: i for i, place in enumerate(arrays.place_ids)}
+    rows = np.array([index[p] for p in loaded.place_ids[loaded.rows_of(building)]], dtype=np.int64)
+    return arrays, rows, weights
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from bisect import bisect_left
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,8 +13,10 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
+from semloc_core.building_patterns import matching_buildings
+from semloc_core.encoder.query import QueryEncoder
 from semloc_core.errors import MapError
-from semloc_core.map_database.history import History, unpack_history
+from semloc_core.map_database.history import ClassChange, History, unpack_history
 from semloc_core.map_database.meta import check_hash, read_meta, read_model
 from semloc_core.map_database.records import (
     PackedGraph,
@@ -47,6 +49,22 @@ class StoredBuilding:
     history: bytes = b""
 
 
+@dataclass(frozen=True)
+class Whole:
+    """The map that a part was taken from: what is published of it, and what its classes weigh.
+
+    Args:
+        hash: as of `LoadedMap.hash`.
+        n_places: of all its buildings.
+        changes: class changes of all its buildings that know any.
+
+    """
+
+    hash: str
+    n_places: int
+    changes: tuple[Mapping[str, ClassChange], ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class LoadedMap:
     """All places of all buildings, buildings by name and places by id within each.
@@ -62,6 +80,7 @@ class LoadedMap:
         building_index: (M,) int32 into ``buildings``.
         embeddings: (M, D) float32, C-contiguous.
         stored: what the file holds of each building besides places; empty for a map that no file holds.
+        part_of: the map that these are some buildings of; None for a whole one.
 
     """
 
@@ -74,6 +93,7 @@ class LoadedMap:
     building_index: NDArray[np.int32]
     embeddings: NDArray[np.float32]
     stored: tuple[StoredBuilding, ...] = ()
+    part_of: Whole | None = None
 
     def __post_init__(self) -> None:
         rows = len(self.place_ids)
@@ -93,6 +113,11 @@ class LoadedMap:
     def index(self) -> ExactSearch:
         """Search over the embeddings."""
         return ExactSearch(self.embeddings)
+
+    @cached_property
+    def queries(self) -> QueryEncoder:
+        """The model's encoder, made ready for one place at a time; a map's model is not trained on."""
+        return QueryEncoder(self.model.encoder)
 
     def search(
         self, z: ArrayLike, k: int, buildings: Collection[str] | None = None
@@ -134,23 +159,46 @@ class LoadedMap:
 
     def graph(self, building: str) -> SceneGraph:
         """The scene graph that a building's places come from: unpacked at each call, as it was at loading."""
-        number = self._number(building)
-        if number >= len(self.stored):
-            raise MapError(f"expected a map loaded from a file (got {self.name!r}, which holds no scene graphs)")
-        return unpack_graph(self.stored[number].graph)
+        return unpack_graph(self._stored(building).graph)
 
     def history(self, building: str) -> History:
         """What traversals have told of a building since it was mapped; empty for a map that no file holds."""
         number = self._number(building)
         return unpack_history(self.stored[number].history) if number < len(self.stored) else History()
 
+    def narrowed(self, patterns: Sequence[str]) -> LoadedMap:
+        """The buildings that patterns such as ``hq/*`` fit, as a part of this map; the map itself where that is all.
+
+        Raises:
+            MapError: a pattern that fits no building, or a map that no file holds.
+
+        """
+        names = matching_buildings(self.buildings, patterns)
+        if names == self.buildings:
+            return self
+        runs = [self.rows_of(name) for name in names]
+        places = [PlaceRows(self.place_ids[run], self.positions[run], self.embeddings[run]) for run in runs]
+        whole = self.part_of or Whole(self.hash, self.n_places, tuple(filter(None, self._changes())))
+        return assemble(
+            self.name, self.model, [(self._stored(n), p) for n, p in zip(names, places, strict=True)], part_of=whole
+        )
+
+    def _changes(self) -> Sequence[Mapping[str, ClassChange]]:
+        if self.part_of is not None:
+            return self.part_of.changes
+        return [unpack_history(building.history).classes for building in self.stored]
+
+    @cached_property
+    def class_weights(self) -> dict[str, float]:
+        """What each class weighs in the whole map (`semloc_core.map_database.weights.class_weights`)."""
+        return class_weights(self._changes(), self.model.labelspace)
+
     @cached_property
     def _class_weights(self) -> torch.Tensor | None:
         """(C,) or None where all weigh 1."""
         if not self.model.encoder.counts_objects:
             return None
-        changes = [unpack_history(building.history).classes for building in self.stored]
-        weights = list(class_weights(changes, self.model.labelspace).values())
+        weights = list(self.class_weights.values())
         return None if all(weight == 1.0 for weight in weights) else torch.tensor(weights, dtype=torch.float32)
 
     def weigh(self, batch: Batch) -> Batch:
@@ -176,6 +224,12 @@ class LoadedMap:
         labelspace = self.model.labelspace
         check_hash("model", model_hash, self.model.hash, self.model.encoder.name, self.name)
         check_hash("labelspace", labelspace_hash, labelspace.hash, labelspace.name, self.name)
+
+    def _stored(self, building: str) -> StoredBuilding:
+        number = self._number(building)
+        if number >= len(self.stored):
+            raise MapError(f"expected a map loaded from a file (got {self.name!r}, which holds no scene graphs)")
+        return self.stored[number]
 
     def _number(self, building: str) -> int:
         found = bisect_left(self.buildings, building)
@@ -225,18 +279,41 @@ def read_map(connection: sqlite3.Connection, name: str) -> LoadedMap:
     found = content_hash(meta.model_hash, meta.labelspace_hash, ((b.name, digest) for b, _, digest in read_in))
     if found != meta.content_hash:
         raise MapError(f"expected content {meta.content_hash[:12]} (got {found[:12]}: the map is damaged)")
-    all_places = [places for _, places, _ in read_in]
+    return assemble(name, model, [(building, places) for building, places, _ in read_in], found)
+
+
+def assemble(
+    name: str,
+    model: Model,
+    buildings: Sequence[tuple[StoredBuilding, PlaceRows]],
+    content: str | None = None,
+    part_of: Whole | None = None,
+) -> LoadedMap:
+    """Make one map of buildings that were read.
+
+    Args:
+        name: of the map.
+        model: what made the embeddings.
+        buildings: by rising name.
+        content: the map's content hash, where it is known.
+        part_of: the map that these are some buildings of.
+
+    """
+    if content is None:
+        digests = [(b.name, building_digest(p, b.frame_id, b.graph.digest, b.history)) for b, p in buildings]
+        content = content_hash(model.hash, model.labelspace.hash, digests)
+    all_places = [places for _, places in buildings]
     counts = [len(places.ids) for places in all_places]
+    none = np.zeros((0, model.encoder.dimension), dtype=np.float32)
     return LoadedMap(
         name=name,
-        hash=found,
+        hash=content,
         model=model,
-        buildings=names,
+        buildings=tuple(building.name for building, _ in buildings),
         place_ids=tuple(id_ for places in all_places for id_ in places.ids),
         positions=np.concatenate([np.zeros((0, 3)), *(places.positions for places in all_places)]),
-        building_index=np.repeat(np.arange(len(names), dtype=np.int32), counts),
-        embeddings=np.concatenate(
-            [np.zeros((0, meta.dimension), dtype=np.float32), *(places.embeddings for places in all_places)]
-        ),
-        stored=tuple(building for building, _, _ in read_in),
+        building_index=np.repeat(np.arange(len(buildings), dtype=np.int32), counts),
+        embeddings=np.concatenate([none, *(places.embeddings for places in all_places)]),
+        stored=tuple(building for building, _ in buildings),
+        part_of=part_of,
     )
