@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from semloc_core.errors import MapError
 from semloc_core.map_database import write
 from semloc_core.map_database.history import History
+from semloc_core.map_database.loaded import StoredBuilding
 from semloc_core.map_database.meta import MapMeta, check_hash, read_meta, seal, write_model
 from semloc_core.map_database.records import (
     Note,
@@ -30,6 +31,7 @@ from semloc_core.map_database.records import (
     read_graph,
     read_history,
     read_places,
+    unpack_graph,
 )
 from semloc_core.map_database.schema import close_writer, connect_to_write, create_file, map_errors
 from semloc_core.model import Model
@@ -165,7 +167,7 @@ class MapDatabase:
             places = check_places(place_ids, positions, embeddings, self.meta.dimension)
             if name in self.buildings:
                 raise MapError(f"expected a building that the map does not have (got {name!r})")
-            write.insert_building(connection, name, graph, places, note)
+            write.insert_building(connection, write.stored_building(name, graph, places.ids, note), places)
         logger.info("%s: building %s added, %d places", self.path, name, len(places.ids))
 
     def remove_building(self, name: str) -> None:
@@ -186,6 +188,21 @@ class MapDatabase:
         with self.transaction():
             self.remove_building(name)
             self.add_building(name, graph, place_ids, positions, embeddings, **note)
+
+    def copy_building(self, stored: StoredBuilding, places: PlaceRows) -> None:
+        """Put a building as another map holds it in place of the one of that name, or add it.
+
+        Raises:
+            MapError: embeddings that do not fit, places that its scene graph lacks. The map is as it was.
+
+        """
+        check_name("a building name", stored.name)
+        with self._change() as connection:
+            fits = check_places(places.ids, places.positions, places.embeddings, self.meta.dimension)
+            write.check_in_graph(unpack_graph(stored.graph), fits.ids)
+            if stored.name in self.buildings:
+                self.remove_building(stored.name)
+            write.insert_building(connection, stored, fits)
 
     def revise_building(
         self, name: str, graph: SceneGraph, positions: ArrayLike, embeddings: ArrayLike, history: History | None = None
@@ -264,7 +281,7 @@ class MapDatabase:
                 deleted = connection.execute("DELETE FROM place WHERE building = ? AND id = ?", (key, id_))
                 if deleted.rowcount != 1:
                     raise MapError(f"expected a place of building {building!r} (got {id_!r}, which it does not have)")
-            self._touch(key, graph)
+            write.touch(connection, key, self.meta.dimension, graph)
 
     def rebuild(self, model: Model, embeddings: Mapping[str, ArrayLike]) -> None:
         """Put another model in and replace every embedding, in one transaction.
@@ -287,7 +304,7 @@ class MapDatabase:
                 fresh = check_places(places.ids, places.positions, embeddings[name], model.encoder.dimension)
                 connection.execute("DELETE FROM place WHERE building = ?", (key,))
                 connection.executemany(write.INSERT_PLACE, fresh.rows(key))
-                self._touch(key)
+                write.touch(connection, key, model.encoder.dimension)
 
     def reset(self, model: Model) -> None:
         """Remove every building and put a model in, to build anew; meant for inside a `transaction`."""
@@ -322,24 +339,7 @@ class MapDatabase:
     ) -> None:
         with self._change() as connection:
             places = check_places(place_ids, positions, embeddings, self.meta.dimension)
-            key = building_key(connection, building)
-            known = "SELECT count(*) FROM place WHERE building = ? AND id = ?"
-            new = [id_ for id_ in places.ids if not connection.execute(known, (key, id_)).fetchone()[0]]
-            if len(new) < len(places.ids) and not replace:
-                raise MapError(f"expected places that {building!r} does not have (got one that it has)")
-            connection.executemany(write.INSERT_PLACE.replace("INSERT", "INSERT OR REPLACE"), places.rows(key))
-            self._touch(key, graph)
-            if new and graph is None:
-                write.check_in_graph(read_graph(connection, key), new)
-
-    def _touch(self, key: int, graph: SceneGraph | None = None) -> None:
-        """Mark a building as changed, so that its digest is made anew; store its new scene graph."""
-        self._connection.execute("UPDATE building SET digest = NULL WHERE id = ?", (key,))
-        if graph is None:
-            return
-        (name,) = self._connection.execute("SELECT name FROM building WHERE id = ?", (key,)).fetchone()
-        write.check_in_graph(graph, self._places(name).ids)
-        write.store_graph(self._connection, key, graph)
+            write.put_places(connection, building, places, graph, replace)
 
     def _places(self, building: str) -> PlaceRows:
         return read_places(self._connection, building_key(self._connection, building), self.meta.dimension)

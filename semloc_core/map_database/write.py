@@ -7,16 +7,32 @@ from collections.abc import Sequence
 
 from semloc_core.errors import MapError
 from semloc_core.map_database.history import History, pack_history
-from semloc_core.map_database.records import Note, PlaceRows, check_name, pack_graph
+from semloc_core.map_database.loaded import StoredBuilding
+from semloc_core.map_database.records import (
+    Note,
+    PlaceRows,
+    building_key,
+    check_name,
+    pack_graph,
+    read_graph,
+    read_places,
+)
 from semloc_core.scene_graph import SceneGraph
 
 INSERT_PLACE = "INSERT INTO place (building, id, x, y, z, embedding) VALUES (?, ?, ?, ?, ?, ?)"
 
 
-def insert_building(
-    connection: sqlite3.Connection, name: str, graph: SceneGraph, places: PlaceRows, note: Note
-) -> None:
-    """Write a building that the map does not have.
+def stored_building(
+    name: str, graph: SceneGraph, place_ids: Sequence[str], note: Note, history: bytes = b""
+) -> StoredBuilding:
+    """A building ready to be stored, besides its places.
+
+    Args:
+        name: of the building.
+        graph: its scene graph.
+        place_ids: places of it.
+        note: what is said of it.
+        history: packed.
 
     Raises:
         MapError: a place that the scene graph lacks, a note that can't be stored.
@@ -29,14 +45,57 @@ def insert_building(
     if stamp_ns is not None and not -(2**63) <= stamp_ns < 2**63:
         raise MapError(f"expected a signed 64-bit stamp (got {stamp_ns})")
     packed = pack_graph(graph, frame_id)
-    check_in_graph(graph, places.ids)
+    check_in_graph(graph, place_ids)
+    return StoredBuilding(name, source, frame_id, stamp_ns, len(place_ids), packed, history)
+
+
+def insert_building(connection: sqlite3.Connection, building: StoredBuilding, places: PlaceRows) -> None:
+    """Write a building that the map does not have."""
     cursor = connection.execute(
         "INSERT INTO building (name, source, frame_id, stamp_ns, graph_digest, graph_bytes, graph) "
         "VALUES (?, ?, ?, ?, ?, ?, ?)",
-        (name, source, frame_id, stamp_ns, packed.digest, packed.size, packed.data),
+        (
+            building.name,
+            building.source,
+            building.frame_id,
+            building.stamp_ns,
+            building.graph.digest,
+            building.graph.size,
+            building.graph.data,
+        ),
     )
     assert cursor.lastrowid is not None
     connection.executemany(INSERT_PLACE, places.rows(cursor.lastrowid))
+    if building.history:
+        connection.execute("INSERT INTO history (building, data) VALUES (?, ?)", (cursor.lastrowid, building.history))
+
+
+def put_places(
+    connection: sqlite3.Connection, building: str, places: PlaceRows, graph: SceneGraph | None, replace: bool
+) -> None:
+    """Add places to a building, or put them in place of those of the same ids.
+
+    Raises:
+        MapError: an unknown building, a place that it has (unless ``replace``), or that its scene graph lacks.
+
+    """
+    key = building_key(connection, building)
+    known = "SELECT count(*) FROM place WHERE building = ? AND id = ?"
+    new = [id_ for id_ in places.ids if not connection.execute(known, (key, id_)).fetchone()[0]]
+    if len(new) < len(places.ids) and not replace:
+        raise MapError(f"expected places that {building!r} does not have (got one that it has)")
+    connection.executemany(INSERT_PLACE.replace("INSERT", "INSERT OR REPLACE"), places.rows(key))
+    touch(connection, key, places.embeddings.shape[1], graph)
+    if new and graph is None:
+        check_in_graph(read_graph(connection, key), new)
+
+
+def touch(connection: sqlite3.Connection, key: int, dimension: int, graph: SceneGraph | None = None) -> None:
+    """Mark a building as changed, so that its digest is made anew; store its new scene graph where there is one."""
+    connection.execute("UPDATE building SET digest = NULL WHERE id = ?", (key,))
+    if graph is not None:
+        check_in_graph(graph, read_places(connection, key, dimension).ids)
+        store_graph(connection, key, graph)
 
 
 def delete_building(connection: sqlite3.Connection, key: int) -> None:

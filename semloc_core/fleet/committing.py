@@ -1,0 +1,249 @@
+"""Changing a map on a Milvus server: written under new generations first, made visible by one request at the end.
+
+Killed before that request, a writer leaves the map as it was, and rows that nothing points to; `sweep` finds them by
+the row that each generation has from before its first row of content on, and deletes what is older than a grace time:
+writers may still be at work on it, and readers on what was replaced.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from semloc_core.errors import MapError
+from semloc_core.fleet import layout
+from semloc_core.fleet.reading import State, read_state
+from semloc_core.fleet.rows import FORMAT_VERSION, MapRow, Pointer, Row, blob_rows, integer, pack, place_rows
+from semloc_core.fleet.server import Server
+from semloc_core.map_database.loaded import StoredBuilding
+from semloc_core.map_database.records import MAX_BUILDINGS, PlaceRows
+from semloc_core.map_database.schema import MAX_BLOB_BYTES
+from semloc_core.model import Model
+
+logger = logging.getLogger(__name__)
+
+GRACE_S = 3600.0
+_RENEW_S = 30.0
+_BYTES_AT_ONCE = 4 * 2**20
+_ROWS_AT_ONCE = 4096
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A building that is to be written.
+
+    Args:
+        stored: it.
+        places: its places.
+        base: generation that it was made from, which must be the current one still when it is written; None: it
+            takes the place of whatever is there.
+        new: there must be no building of that name.
+
+    """
+
+    stored: StoredBuilding
+    places: PlaceRows
+    base: int | None = None
+    new: bool = False
+
+
+def map_row(model: Model, data: bytes) -> MapRow:
+    """What a map says of itself, given its model and that packed."""
+    if len(data) > MAX_BLOB_BYTES:
+        raise MapError(f"expected a model of at most {MAX_BLOB_BYTES} bytes (got {len(data)})")
+    return MapRow(
+        format=FORMAT_VERSION,
+        model_hash=model.hash,
+        model_name=model.encoder.name,
+        model_bytes=len(data),
+        labelspace_hash=model.labelspace.hash,
+        labelspace_name=model.labelspace.name,
+        dimension=model.encoder.dimension,
+    )
+
+
+def commit(
+    server: Server, name: str, before: State | None, drafts: Mapping[str, Draft | None], model: Model | None = None
+) -> None:
+    """Write buildings, remove others, put another model in: all visible at once.
+
+    (What is said in the catalogue of more than some thousand buildings goes in several requests.)
+
+    Args:
+        server: where.
+        name: the map's.
+        before: the state that the drafts were made from; None for a map that is not there yet.
+        drafts: by building; None removes it.
+        model: the map's from now on; None leaves it.
+
+    Raises:
+        MapError: a draft's base is no longer current, the map has another model by now, the server refuses. The map
+            is as it was, unless the connection was lost during the last request: then as before or as after.
+
+    """
+    assert before is not None or model is not None
+    upload = _Upload(server, name)
+    data = model.to_bytes() if model is not None else b""
+    row = map_row(model, data) if model is not None else None
+    of_map = row if row is not None else before.map_row if before is not None else None
+    assert of_map is not None
+    flip: list[Row] = []
+    if row is not None:
+        generation = upload.begin()
+        upload.put(layout.blobs(name), blob_rows(generation, "model", data))
+        flip.append(_catalogue_row(layout.META, generation, pack(row)))
+    for building, draft in drafts.items():
+        key = layout.building_key(building)
+        if draft is None:
+            last = before.pointers.get(building) if before is not None else None
+            if last is not None:
+                flip.append(_catalogue_row(key, 0, pack(_tombstone(last[1]))))
+            continue
+        pointer = pack(Pointer.of(draft.stored, draft.places, of_map.model_hash))
+        generation = upload.begin()
+        upload.put(layout.blobs(name), blob_rows(generation, "graph", draft.stored.graph.data))
+        upload.put(layout.blobs(name), blob_rows(generation, "history", draft.stored.history))
+        upload.put(layout.places(name, of_map.dimension), place_rows(generation, draft.places))
+        flip.append(_catalogue_row(key, generation, pointer))
+    replaced: set[int] = set()
+    if before is not None:
+        now = read_state(server, name, before)
+        _check_unchanged(before, now, drafts, row)
+        replaced = _replaced(now, drafts, row)
+    upload.finish(replaced)
+    flip.append(_catalogue_row(layout.CHANGE, layout.new_generation(), ""))
+    for part in _parts(flip):
+        server.upsert(layout.catalogue(name), part)
+
+
+def _check_unchanged(before: State, now: State, drafts: Mapping[str, Draft | None], row: MapRow | None) -> None:
+    """Refuse to write over what another writer did meanwhile, where the drafts build on what was before."""
+    if row is None and now.map_row.model_hash != before.map_row.model_hash:
+        was, is_now = before.map_row.model_hash[:12], now.map_row.model_hash[:12]
+        raise MapError(f"expected a map made with model {was} (got {is_now}: another writer built it anew meanwhile)")
+    for building, draft in drafts.items():
+        current = now.pointers.get(building)
+        if draft is not None and draft.new and current is not None:
+            raise MapError(f"expected a building that the map does not have (got {building!r})")
+        if draft is not None and draft.base is not None and (current is None or current[0] != draft.base):
+            advice = "which another writer changed meanwhile: try again"
+            raise MapError(f"expected a building that is as it was read (got {building!r}, {advice})")
+
+
+def _replaced(now: State, drafts: Mapping[str, Draft | None], row: MapRow | None) -> set[int]:
+    """Generations that nothing will point to any more."""
+    replaced = {now.pointers[building][0] for building in drafts if building in now.pointers}
+    return replaced | {now.model_generation} if row is not None else replaced
+
+
+def _tombstone(pointer: Pointer) -> Pointer:
+    fields = {field: getattr(pointer, field) for field in pointer.__struct_fields__}
+    return Pointer(**(fields | {"removed": True, "changes": {}}))
+
+
+def _catalogue_row(key: str, generation: int, data: str) -> Row:
+    return {"key": key, "generation": generation, "data": data, "embedding": layout.PAD}
+
+
+def _parts(rows: Iterable[Row]) -> Iterable[list[Row]]:
+    """Rows in requests that a server takes."""
+    part: list[Row] = []
+    size = 0
+    for row in rows:
+        part.append(row)
+        size += 64 + sum(len(value.encode()) if isinstance(value, str) else 8 for value in row.values())
+        size += 4 * len(row["embedding"])
+        if size >= _BYTES_AT_ONCE or len(part) == _ROWS_AT_ONCE:
+            yield part
+            part, size = [], 0
+    if part:
+        yield part
+
+
+class _Upload:
+    """Rows of new generations on their way to the server."""
+
+    def __init__(self, server: Server, name: str) -> None:
+        self._server = server
+        self._name = name
+        self._begun: list[int] = []
+        self._renewed = time.monotonic()
+
+    def begin(self) -> int:
+        """A new generation, known to the server before anything is in it."""
+        generation = layout.new_generation()
+        while generation in self._begun:
+            generation = layout.new_generation()
+        self._begun.append(generation)
+        self._touch([generation])
+        return generation
+
+    def put(self, collection: str, rows: Iterable[Row]) -> None:
+        """Write rows of the generation begun last."""
+        for part in _parts(rows):
+            self._server.insert(collection, part)
+            if time.monotonic() - self._renewed > _RENEW_S:
+                self._touch(self._begun)
+
+    def finish(self, replaced: set[int]) -> None:
+        """The grace time of what was written, and of what it replaces, begins now.
+
+        Raises:
+            MapError: something of it was swept.
+
+        """
+        for start in range(0, len(self._begun), _ROWS_AT_ONCE):
+            some = self._begun[start : start + _ROWS_AT_ONCE]
+            listed = ", ".join(map(str, some))
+            there = self._server.query(
+                layout.generations(self._name), f"generation in [{listed}]", ("generation",), len(some)
+            )
+            if {integer(row, "generation") for row in there} != set(some):
+                raise MapError("expected what was written so far (got a sweep that took it; the map is as it was)")
+        self._touch([*self._begun, *sorted(replaced)])
+
+    def _touch(self, some: list[int]) -> None:
+        now = layout.now_ms()
+        rows: list[Row] = [{"generation": each, "touched_ms": now, "embedding": layout.PAD} for each in some]
+        for part in _parts(rows):
+            self._server.upsert(layout.generations(self._name), part)
+        self._renewed = time.monotonic()
+
+
+def sweep(server: Server, name: str, older_than_s: float = GRACE_S) -> int:
+    """Delete what nothing points to: left by writers that were killed, or replaced since.
+
+    Args:
+        server: where.
+        name: the map's.
+        older_than_s: leave alone what was written or replaced less than this ago, by the clocks of the machines that
+            did.
+
+    Returns:
+        How many generations were deleted.
+
+    Raises:
+        MapError: no such map, or the server refuses.
+
+    """
+    if not older_than_s >= 0:
+        raise MapError(f"expected a grace time of at least 0 s (got {older_than_s})")
+    collection = layout.generations(name)
+    state = read_state(server, name)
+    before = layout.now_ms() - int(older_than_s * 1000)
+    condition = f"touched_ms < {before}" if older_than_s > 0 else f"touched_ms <= {before}"
+    rows = server.query_all(collection, condition, ("generation",), 4 * MAX_BUILDINGS)
+    old = {integer(row, "generation") for row in rows}
+    # After the list was read: what another writer made visible in between is in use.
+    garbage = sorted(old - read_state(server, name, state).generations())
+    if not garbage:
+        return 0
+    start = layout.places(name, 0)[:-1]
+    with_places = [each for each in server.collections() if each.startswith(start) and each[len(start) :].isdigit()]
+    for generation in garbage:
+        for each in (*with_places, layout.blobs(name), collection):  # its own row last: until then it is found again
+            server.delete(each, f"generation == {generation}")
+    logger.info("%s: %d generations swept", server.address, len(garbage))
+    return len(garbage)

@@ -1,0 +1,385 @@
+"""A map on a Milvus server, open for changes: what `MapDatabase` is for a map file.
+
+Changes are made in memory and written at the end of the outermost `FleetDatabase.transaction`, which makes them
+visible at once. Writers never wait for each other. Of two that replace the same building the later one stays; a change
+that builds on what was read (a merge, a single place) is refused where another writer was faster.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import OrderedDict
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Unpack
+
+from numpy.typing import ArrayLike
+
+from semloc_core.errors import MapError
+from semloc_core.fleet import layout
+from semloc_core.fleet.address import MilvusAddress
+from semloc_core.fleet.committing import GRACE_S, Draft, commit, sweep
+from semloc_core.fleet.reading import no_map, read_building, read_change, read_model, read_state
+from semloc_core.fleet.server import Server
+from semloc_core.map_database.history import ClassChange, History, pack_history, unpack_history
+from semloc_core.map_database.loaded import StoredBuilding
+from semloc_core.map_database.meta import MapMeta, check_hash
+from semloc_core.map_database.records import (
+    Note,
+    PlaceRows,
+    check_name,
+    check_places,
+    content_hash,
+    unpack_graph,
+)
+from semloc_core.map_database.write import check_in_graph, stored_building
+from semloc_core.model import Model
+from semloc_core.scene_graph import SceneGraph
+
+logger = logging.getLogger(__name__)
+
+WRITE_TIMEOUT_S = 60.0
+_KEPT = 4  # buildings as they were read
+
+
+class FleetDatabase:
+    """A map on a server, open for changes; use it as a context manager. To localise: `MilvusSource`."""
+
+    def __init__(self, server: Server) -> None:
+        self._server = server
+        self._state = read_state(server, self.name)
+        self._drafts: dict[str, Draft | None] = {}
+        self._fresh_model: Model | None = None
+        self._depth = 0
+        self._read: OrderedDict[int, tuple[StoredBuilding, PlaceRows]] = OrderedDict()
+        self._read_model: tuple[int, Model] | None = None
+
+    @classmethod
+    def create(
+        cls,
+        address: MilvusAddress,
+        model: Model,
+        *,
+        exist_ok: bool = False,
+        index: str = layout.INDEX_KINDS[0],
+        timeout_s: float = WRITE_TIMEOUT_S,
+    ) -> FleetDatabase:
+        """Make a map without buildings, and open it.
+
+        Args:
+            address: where.
+            model: what makes the embeddings.
+            exist_ok: open a map that is there already, if it is of the same model.
+            index: kind of index the server is to keep of the embeddings, one of `layout.INDEX_KINDS`.
+            timeout_s: how long one call to the server may take.
+
+        Raises:
+            MapError: there is a map of that name, or the server does not know the index.
+
+        """
+        if index not in layout.INDEX_KINDS:
+            raise MapError(f"expected an index of {', '.join(layout.INDEX_KINDS)} (got {index!r})")
+        server = Server(address, timeout_s)
+        try:
+            if layout.catalogue(address.name) in server.collections() and read_change(server, address.name) is not None:
+                if not exist_ok:
+                    raise MapError(f"expected no map at {address} (got one that is there already)")
+                database = cls(server)
+                database.require(model.hash, model.labelspace.hash)
+                return database
+            make_collections(server, model, index)
+            commit(server, address.name, None, {}, model)
+            return cls(server)
+        except BaseException:
+            server.close()
+            raise
+
+    @classmethod
+    def open(cls, address: MilvusAddress, *, timeout_s: float = WRITE_TIMEOUT_S) -> FleetDatabase:
+        """Open a map to change it.
+
+        Raises:
+            MapError: no such map, or a damaged one; no server.
+
+        """
+        server = Server(address, timeout_s)
+        try:
+            if layout.catalogue(address.name) not in server.collections():
+                raise no_map(server, address.name)
+            return cls(server)
+        except BaseException:
+            server.close()
+            raise
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._server.close()
+
+    def __enter__(self) -> FleetDatabase:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def name(self) -> str:
+        """The map's name in its address."""
+        return self._server.address.name
+
+    @property
+    def meta(self) -> MapMeta:
+        """What the map says of itself, without what is not committed yet; ``generation`` rises with every change."""
+        row, pointers = self._state.map_row, self._state.pointers
+        digests = ((name, pointer.digest) for name, (_, pointer) in pointers.items())
+        return MapMeta(
+            model_hash=row.model_hash,
+            model_name=row.model_name,
+            labelspace_hash=row.labelspace_hash,
+            labelspace_name=row.labelspace_name,
+            dimension=row.dimension,
+            content_hash=content_hash(row.model_hash, row.labelspace_hash, digests),
+            generation=self._state.change,
+        )
+
+    @property
+    def buildings(self) -> tuple[str, ...]:
+        """Names of the buildings, sorted."""
+        names = set(self._state.pointers) if self._fresh_model is None else set()
+        for name, draft in self._drafts.items():
+            (names.discard if draft is None else names.add)(name)
+        return tuple(sorted(names))
+
+    @property
+    def model(self) -> Model:
+        """The map's model."""
+        if self._fresh_model is not None:
+            return self._fresh_model
+        generation = self._state.model_generation
+        if self._read_model is None or self._read_model[0] != generation:
+            self._read_model = generation, read_model(self._server, self.name, self._state)
+        return self._read_model[1]
+
+    def require(self, model_hash: str | None = None, labelspace_hash: str | None = None) -> None:
+        """Refuse a map of another model or labelspace; MapError names both sides."""
+        row = self._state.map_row
+        check_hash("model", model_hash, row.model_hash, row.model_name, self.name)
+        check_hash("labelspace", labelspace_hash, row.labelspace_hash, row.labelspace_name, self.name)
+
+    def refresh(self) -> None:
+        """Take in what other writers have done; not inside a transaction."""
+        if self._depth:
+            raise MapError("expected no running transaction (got one)")
+        self._state = read_state(self._server, self.name, self._state)
+
+    @contextmanager
+    def transaction(self) -> Iterator[None]:
+        """Several changes as one: all of them are visible at the end, or none if an exception leaves the block.
+
+        It begins with the map as it is then, and what other writers do meanwhile is not seen.
+        """
+        if self._depth:
+            kept, kept_model = dict(self._drafts), self._fresh_model
+            self._depth += 1
+            try:
+                yield
+            except BaseException:
+                self._drafts, self._fresh_model = kept, kept_model
+                raise
+            finally:
+                self._depth -= 1
+            return
+        self.refresh()
+        self._depth = 1
+        try:
+            yield
+            if self._drafts or self._fresh_model is not None:
+                commit(self._server, self.name, self._state, self._drafts, self._fresh_model)
+        finally:
+            self._depth, self._drafts, self._fresh_model = 0, {}, None
+        self.refresh()
+        self._tidy()
+
+    def _tidy(self) -> None:
+        try:
+            sweep(self._server, self.name, GRACE_S)
+        except MapError as error:  # the change is made; what is left to tidy the next one finds
+            logger.warning("%s: not swept: %s", self._server.address, error)
+
+    def sweep(self, older_than_s: float = GRACE_S) -> int:
+        """Delete what nothing points to; see `committing.sweep`."""
+        return sweep(self._server, self.name, older_than_s)
+
+    def add_building(
+        self,
+        name: str,
+        graph: SceneGraph,
+        place_ids: Sequence[str],
+        positions: ArrayLike,
+        embeddings: ArrayLike,
+        **note: Unpack[Note],
+    ) -> None:
+        """Add a building; arguments and errors as of `MapDatabase.add_building`."""
+        with self.transaction():
+            if name in self.buildings:
+                raise MapError(f"expected a building that the map does not have (got {name!r})")
+            replaced = name in self._drafts  # removed in the same transaction
+            self._put(name, graph, place_ids, positions, embeddings, note, new=not replaced)
+
+    def remove_building(self, name: str) -> None:
+        """Remove a building and all its places; MapError where the map does not have it."""
+        with self.transaction():
+            self._check_known(name)
+            self._drafts[name] = None
+
+    def replace_building(
+        self,
+        name: str,
+        graph: SceneGraph,
+        place_ids: Sequence[str],
+        positions: ArrayLike,
+        embeddings: ArrayLike,
+        **note: Unpack[Note],
+    ) -> None:
+        """Put a building in place of the one of that name; arguments and errors as for `add_building`."""
+        with self.transaction():
+            self._check_known(name)
+            self._put(name, graph, place_ids, positions, embeddings, note, new=False)
+
+    def revise_building(
+        self, name: str, graph: SceneGraph, positions: ArrayLike, embeddings: ArrayLike, history: History | None = None
+    ) -> None:
+        """Put what is known of a building by now in place of what was; see `MapDatabase.revise_building`."""
+        with self.transaction():
+            old, _ = self._building(name)
+            places = check_places(sorted(graph.places), positions, embeddings, self._dimension)
+            note: Note = {"source": old.source, "frame_id": old.frame_id, "stamp_ns": old.stamp_ns}
+            packed = old.history if history is None else pack_history(history)
+            self._derive(stored_building(name, graph, places.ids, note, packed), places)
+
+    def replace_places(
+        self, building: str, place_ids: Sequence[str], positions: ArrayLike, embeddings: ArrayLike
+    ) -> None:
+        """Add places to a building, or put them in place of those of the same ids.
+
+        Raises:
+            MapError: a place that the building's scene graph lacks, an unknown building, numbers that do not fit.
+
+        """
+        with self.transaction():
+            old, before = self._building(building)
+            fresh = check_places(place_ids, positions, embeddings, self._dimension)
+            rows = {id_: (before.positions[i], before.embeddings[i]) for i, id_ in enumerate(before.ids)}
+            if new := [id_ for id_ in fresh.ids if id_ not in rows]:
+                check_in_graph(unpack_graph(old.graph), new)
+            rows |= {id_: (fresh.positions[i], fresh.embeddings[i]) for i, id_ in enumerate(fresh.ids)}
+            ids = list(rows)
+            places = check_places(ids, [rows[i][0] for i in ids], [rows[i][1] for i in ids], self._dimension)
+            self._derive(replace(old, n_places=len(ids)), places)
+
+    def copy_building(self, stored: StoredBuilding, places: PlaceRows) -> None:
+        """Put a building as another map holds it in place of the one of that name, or add it.
+
+        Raises:
+            MapError: embeddings that do not fit.
+
+        """
+        check_name("a building name", stored.name)
+        with self.transaction():
+            fits = check_places(places.ids, places.positions, places.embeddings, self._dimension)
+            check_in_graph(unpack_graph(stored.graph), fits.ids)
+            self._drafts[stored.name] = Draft(stored, fits)
+
+    def reset(self, model: Model) -> None:
+        """Remove every building and put a model in, to build anew; meant for inside a `transaction`."""
+        with self.transaction():
+            self._drafts = dict.fromkeys(self._state.pointers)
+            make_collections(self._server, model, "")
+            self._fresh_model = model
+
+    def building(self, name: str) -> tuple[StoredBuilding, PlaceRows]:
+        """A building as it is stored."""
+        return self._building(name)
+
+    def place_ids(self, building: str) -> tuple[str, ...]:
+        """A building's places, by rising id."""
+        return self._building(building)[1].ids
+
+    def graph(self, building: str) -> SceneGraph:
+        """The scene graph of a building."""
+        return unpack_graph(self._building(building)[0].graph)
+
+    def history(self, building: str) -> History:
+        """What traversals have told of a building since it was mapped."""
+        return unpack_history(self._building(building)[0].history)
+
+    def changes(self, building: str) -> Mapping[str, ClassChange]:
+        """How the classes of a building changed, from the catalogue."""
+        if self._drafts.get(building) is None:
+            self._check_known(building)
+            return self._state.pointers[building][1].changes
+        return self.history(building).classes
+
+    @property
+    def _dimension(self) -> int:
+        return self._state.map_row.dimension if self._fresh_model is None else self._fresh_model.encoder.dimension
+
+    def _check_known(self, name: str) -> None:
+        if name not in (names := self.buildings):
+            known = ", ".join(names[:8]) + (", …" if len(names) > 8 else "")
+            raise MapError(f"expected one of the map's buildings: {known or 'none'} (got {name!r})")
+
+    def _put(
+        self,
+        name: str,
+        graph: SceneGraph,
+        place_ids: Sequence[str],
+        positions: ArrayLike,
+        embeddings: ArrayLike,
+        note: Note,
+        new: bool,
+    ) -> None:
+        check_name("a building name", name)
+        places = check_places(place_ids, positions, embeddings, self._dimension)
+        self._drafts[name] = Draft(stored_building(name, graph, places.ids, note), places, new=new)
+
+    def _derive(self, stored: StoredBuilding, places: PlaceRows) -> None:
+        """A draft of what was read, on the condition that it is the current one when it is written."""
+        draft = self._drafts.get(stored.name)
+        if draft is not None:
+            self._drafts[stored.name] = Draft(stored, places, draft.base, draft.new)
+        else:
+            self._drafts[stored.name] = Draft(stored, places, self._state.pointers[stored.name][0])
+
+    def _building(self, name: str) -> tuple[StoredBuilding, PlaceRows]:
+        draft = self._drafts.get(name)
+        if draft is not None:
+            return draft.stored, draft.places
+        self._check_known(name)
+        generation, pointer = self._state.pointers[name]
+        if generation not in self._read:
+            dimension = self._state.map_row.dimension
+            self._read[generation] = read_building(self._server, self.name, dimension, generation, pointer)
+            while len(self._read) > _KEPT:
+                self._read.popitem(last=False)
+        self._read.move_to_end(generation)
+        return self._read[generation]
+
+
+def make_collections(server: Server, model: Model, index: str) -> None:
+    """The collections of a map with a model's number of dimensions, those that are not there yet.
+
+    Args:
+        server: where.
+        model: of the map.
+        index: kind of index; empty: the same as the map's other places have.
+
+    """
+    name = server.address.name
+    if not index:
+        start = layout.places(name, 0)[:-1]
+        others = [each for each in server.collections() if each.startswith(start)]
+        index = (server.index_type(others[0]) if others else "") or layout.INDEX_KINDS[0]
+    for collection, fields in layout.collections(name, model.encoder.dimension).items():
+        is_places = collection == layout.places(name, model.encoder.dimension)
+        server.create(collection, fields, index if is_places else "FLAT")

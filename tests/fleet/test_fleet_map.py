@@ -1,0 +1,53 @@
+"""A map on a server against the same map in a file: content hashes, places, buildings, search."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from map_cases import make_building, make_map, make_model
+
+from semloc_core.fleet.address import MilvusAddress
+from semloc_core.fleet.database import FleetDatabase
+from semloc_core.fleet.file_source import FileSource
+from semloc_core.fleet.milvus_source import MilvusSource
+from semloc_core.map_database import load
+
+
+def fill(address: MilvusAddress, order: tuple[str, ...] = ("a", "b")) -> None:
+    """The buildings of `make_map`, in some order, in a map without any."""
+    model = make_model()
+    with FleetDatabase.create(address, model) as database:
+        for name in order:
+            if name == "a":
+                database.add_building("a", *make_building(model, 7, 2))
+            else:
+                database.add_building("b", *make_building(model, 12, 1), source="b.json", frame_id="b_map", stamp_ns=-5)
+
+
+@pytest.mark.parametrize("order", [("a", "b"), ("b", "a")])
+def test_content_is_that_of_the_file(address: MilvusAddress, tmp_path: Path, order: tuple[str, ...]) -> None:
+    fill(address, order)
+    file = FileSource(make_map(tmp_path / "x.map", make_model()))
+    source = MilvusSource(address)
+    here, there = file.catalogue(), source.catalogue()
+    assert there.content_hash == here.content_hash == load(tmp_path / "x.map").hash
+    assert (there.model_hash, there.labelspace_hash, there.dimension) == (
+        here.model_hash,
+        here.labelspace_hash,
+        here.dimension,
+    )
+    assert list(there.buildings) == ["a", "b"]
+    for name in ("a", "b"):
+        ours, theirs = file.fetch(name), source.fetch(name)
+        assert theirs.stored == ours.stored
+        assert theirs.places.ids == ours.places.ids
+        assert theirs.places.positions.tobytes() == ours.places.positions.tobytes()
+        assert theirs.places.embeddings.tobytes() == ours.places.embeddings.tobytes()
+    assert source.model().to_bytes() == file.model().to_bytes()
+    z = file.fetch("a").places.embeddings[3]
+    for buildings in (None, ["b"], ["a", "b"]):
+        ours_near, theirs_near = file.nearest(z, 10, buildings), source.nearest(z, 10, buildings)
+        assert theirs_near.place_ids == ours_near.place_ids
+        assert theirs_near.buildings == ours_near.buildings
+        np.testing.assert_allclose(theirs_near.similarities, ours_near.similarities, atol=1e-5)
+    source.close()
