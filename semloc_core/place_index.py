@@ -6,19 +6,26 @@ import math
 from collections.abc import Iterable, Mapping
 from heapq import heappop, heappush
 
+import numpy as np
+from numpy.typing import NDArray
+
 
 class PlaceIndex:
     """A mirror of a graph's ``neighbours`` that is kept up to date row by row.
 
     Attributes:
         slots: place id -> its slot; slots of removed places are given out again.
+        cells: slot -> area (m²) of the free space that a place stands for: the square of its shortest edge; 0 where
+            it has none.
 
     """
 
     def __init__(self, neighbours: Mapping[str, Mapping[str, float]]) -> None:
         self.slots: dict[str, int] = {}
+        self.cells: list[float] = []
         self._rows: list[list[tuple[int, float]]] = []  # slot -> (neighbour's slot, metres)
         self._free: list[int] = []
+        self._asked: tuple[str, float, NDArray[np.float64]] | None = None  # the last answer, until something changes
         self.update(neighbours, neighbours)
 
     def update(self, neighbours: Mapping[str, Mapping[str, float]], touched: Iterable[str]) -> None:
@@ -29,6 +36,7 @@ class PlaceIndex:
             touched: places added or removed, and the ends of edges that came, went or changed their length.
 
         """
+        self._asked = None
         slots, rows = self.slots, self._rows
         present: list[str] = []
         for place in touched:
@@ -38,21 +46,33 @@ class PlaceIndex:
                     slots[place] = self._free.pop() if self._free else len(rows)
                     if slots[place] == len(rows):
                         rows.append([])
+                        self.cells.append(0.0)
             elif place in slots:
                 slot = slots.pop(place)
                 rows[slot] = []
                 self._free.append(slot)
         for place in present:
-            rows[slots[place]] = [(slots[other], length) for other, length in neighbours[place].items()]
+            near = neighbours[place]
+            rows[slots[place]] = [(slots[other], length) for other, length in near.items()]
+            side = min(near.values(), default=0.0)
+            self.cells[slots[place]] = side * side
 
-    def distances(self, source: str, radius_m: float) -> list[float]:
+    def distances(self, source: str, radius_m: float) -> NDArray[np.float64]:
         """Geodesic distance of every slot from a place, by Dijkstra's algorithm; as `semloc_core.geodesic.ball`.
 
         Args:
             source: a place of the graph.
             radius_m: bound in metres, inclusive; a slot that is not reached within it has a larger number.
 
+        Returns:
+            (slots,) float64, not to be changed.
+
         """
+        if self._asked is None or self._asked[0] != source or self._asked[1] != radius_m:
+            self._asked = source, radius_m, np.array(self._distances(source, radius_m), dtype=np.float64)
+        return self._asked[2]
+
+    def _distances(self, source: str, radius_m: float) -> list[float]:
         rows = self._rows
         best = [math.nextafter(radius_m, math.inf)] * len(rows)
         start = self.slots[source]

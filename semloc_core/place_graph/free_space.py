@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,19 +41,11 @@ def free_space(distances: Floats, cells: Floats, bands: Bands) -> NDArray[np.flo
 def free_space_online(graph: SceneGraph, places: Sequence[str], radius_m: float, bands: Bands) -> NDArray[np.float32]:
     """(B, R) free space around places of the online graph; places farther than ``radius_m`` do not count."""
     rows = np.zeros((len(places), len(bands)), dtype=np.float32)
-    slots = graph.index.slots
-    cell_of: dict[str, float] = {}
+    cells = np.array(graph.index.cells)
     for i, root in enumerate(places):
         distances = graph.index.distances(root, radius_m)
-        found = [(distances[slot], place) for place, slot in slots.items() if distances[slot] <= radius_m]
-        for _, place in found:
-            if place not in cell_of:
-                cell_of[place] = _cell(graph.neighbours.get(place, {}))
-        rows[i] = free_space(
-            np.array([distance for distance, _ in found]),
-            np.array([cell_of[place] for _, place in found]),
-            bands,
-        )
+        near = distances <= radius_m  # slots that no place has are never reached
+        rows[i] = free_space(distances[near], cells[near], bands)
     return rows
 
 
@@ -77,9 +69,3 @@ def place_cells(n_places: int, edges: NDArray[np.int64], lengths: Floats) -> Flo
     side[np.isinf(side)] = 0.0
     area: Floats = side * side
     return area
-
-
-def _cell(neighbours: Mapping[str, float]) -> float:
-    """Area that a place stands for, from its edges' lengths; 0 for an isolated one."""
-    side = min(neighbours.values(), default=0.0)
-    return side * side

@@ -123,7 +123,7 @@ def take_stars(batch: Batch, roots: NDArray[np.int64]) -> Batch:
 
 
 def _objects_in_reach(graph: SceneGraph, labelspace: Labelspace, root: str, radius_m: float) -> dict[str, float]:
-    distances = graph.index.distances(root, radius_m)
+    distances = graph.index.distances(root, radius_m).tolist()
     slots = graph.index.slots
     star: dict[str, float] = {}
     for place, children in graph.children.items():

@@ -236,7 +236,7 @@ class Live(Target):
         filter_ = tracker and (tracker.filter.belief.tobytes(), tracker._stood, tracker._in_map)
         return msgspec.msgpack.encode(
             (
-                stream.graph and vars(stream.graph) | {"_index": index and vars(index)},
+                stream.graph and vars(stream.graph) | {"_index": index and vars(index) | {"_asked": None}},
                 (stream._seq, at._seq, at._stamp_ns, at._odometry, at._explained_ns, at.unknown_classes),
                 seen and {name: value for name, value in vars(seen).items() if name != "graph"},
                 filter_,
