@@ -1,0 +1,221 @@
+"""Localisation in a map that a server keeps: it narrows the map to a few buildings, the robot does the rest by itself.
+
+Read `FleetLocaliser._locate`. What answers is the usual `Localiser`, on the map of the buildings that are most like
+the robot's surroundings; the server is asked which these are, and for each of them once.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from semloc_core.answer import Located, Query, ServerState
+from semloc_core.building_patterns import matching_buildings
+from semloc_core.config import LocaliserConfig
+from semloc_core.encoder import build_encoder
+from semloc_core.errors import MapError, MapUnavailableError
+from semloc_core.fleet.holdings import Holdings, Key, key_of
+from semloc_core.fleet.link import Link
+from semloc_core.fleet.shortlist import ShortlistConfig, shortlist
+from semloc_core.fleet.source import Catalogue
+from semloc_core.labelspace import Labelspace
+from semloc_core.localiser import Localiser
+from semloc_core.map_database.loaded import LoadedMap, Whole, assemble
+from semloc_core.model import Model
+from semloc_core.tracker import Tracker
+from semloc_core.wire import MapInfo
+
+BELIEVED = 0.05
+"""A building that a filter gives so much belief stays on the list, whatever the last query was like."""
+_ROUNDS = 4
+
+
+class FleetLocaliser(Localiser):
+    """Localises one robot in a map that a server keeps.
+
+    An answer is given only while the server answers; without it there is none (``no_graph``: no map), and the graph
+    goes on being updated. Until the server has answered for the first time it is not even known which model the map
+    has.
+
+    Args:
+        link: to the map; closed with the localiser.
+        config: options.
+        limits: of the list of buildings.
+        patience_s: how long one answer may fetch and read buildings; those that are not there by then are for later
+            answers. Replays wait for all: their answers must not hang on the time.
+        holdings: buildings that are there already.
+
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        config: LocaliserConfig | None = None,
+        limits: ShortlistConfig | None = None,
+        patience_s: float = math.inf,
+        holdings: Holdings | None = None,
+    ) -> None:
+        self._link, self._limits, self._patience_s = link, limits or ShortlistConfig(), patience_s
+        self._holdings = holdings or Holdings(self._limits.kept_places)
+        self._catalogue: Catalogue | None = None
+        self._sizes: Mapping[str, int] = {}
+        self._keys: tuple[Key, ...] = ()
+        self._before: Tracker | None = None
+        super().__init__(_nothing(link.name), config or LocaliserConfig())
+        self._map_info = self._model_info = None
+
+    # -- what differs from a map in memory -----------------------------------------------------------------------
+
+    def _locate(self, place: str | None) -> Located:
+        graph = self.stream.graph
+        if graph is None:
+            return super()._locate(place)
+        try:
+            self.refresh()
+            query = self._embed(place)
+            if query.encoded is not None:
+                self._focus(query.encoded.embedding[0].numpy())
+        except MapError as error:
+            query = Query(self._stamp_ns, self._seq, place or graph.query_place, reason=str(error))
+            return Located(query, self._message(query, "no_graph"), self.map)
+        return self._answer(query, observed=place is None)
+
+    @property
+    def buildings(self) -> tuple[str, ...]:
+        """Names of the buildings that an answer can be in: of the whole map, as far as ``buildings`` lets them in."""
+        return tuple(self._sizes)
+
+    def renewed(self, config: LocaliserConfig | None = None) -> FleetLocaliser:
+        """As `Localiser.renewed`: on the same link, with what has been fetched."""
+        return FleetLocaliser(
+            self._link.shared(), config or self.config, self._limits, self._patience_s, self._holdings
+        )
+
+    def take_over(self, other: Localiser) -> None:
+        """As `Localiser.take_over`; a belief is carried over to the places that this map has too."""
+        super().take_over(other)
+        self._before = other._tracker
+
+    def keep_up(self) -> None:
+        """See whether the map has changed, or whether its server is there again."""
+        with contextlib.suppress(MapError):  # the link remembers it, and `server` tells
+            self.refresh()
+
+    def server(self) -> ServerState:
+        """How the server does."""
+        link, loaded = self._link, self.map
+        values = {
+            "buildings on the list": ", ".join(loaded.buildings) or "none",
+            "places on the list": str(loaded.n_places),
+            "last answer of the server took (ms)": f"{1e3 * link.took_s:.1f}",
+        }
+        if link.failure:
+            values |= {"lost for (s)": f"{link.lost_s():.0f}", "asked again in (s)": f"{link.pause_s():.0f}"}
+            return ServerState(False, f"no map for {link.lost_s():.0f} s: {link.failure}", values)
+        info = self._map_info
+        whole = f"{info.places} places in {len(self._sizes)} buildings" if info is not None else "not asked yet"
+        return ServerState(True, f"map {link.name}: {whole}, answers from {len(loaded.buildings)} of them", values)
+
+    def close(self) -> None:
+        """Close the link."""
+        self._link.close()
+
+    # -- the map as it is now --------------------------------------------------------------------------------------
+
+    def refresh(self) -> None:
+        """See what the map is by now.
+
+        Raises:
+            MapUnavailableError: its server does not answer.
+            MapError: it is damaged, or has none of the buildings asked for.
+
+        """
+        model, catalogue = self._link.refresh()
+        if catalogue is self._catalogue and model is self.map.model:
+            return
+        names = matching_buildings(catalogue.buildings, self.config.buildings)
+        changes = tuple(entry.changes for entry in catalogue.buildings.values() if entry.changes)
+        before = self.map.part_of
+        whole = self._whole = Whole(catalogue.content_hash, catalogue.n_places, changes)
+        self._catalogue = catalogue
+        self._sizes = {name: catalogue.buildings[name].n_places for name in names}
+        if model is not self.map.model:
+            self._holdings.keep_for(model)
+            self._show(())
+            self._look_again(None)
+        elif before is None or changes != before.changes:
+            self._holdings.forget_weights()
+            self._show(self._keys)
+        self._map_info = MapInfo(name=self._link.name, hash=whole.hash, places=whole.n_places)
+
+    # -- the buildings that matter ---------------------------------------------------------------------------------
+
+    def _focus(self, z: NDArray[np.float32]) -> None:
+        """Answer from the buildings that are most like what the robot sees, (D,) embedded."""
+        until = time.monotonic() + self._patience_s
+        for _ in range(_ROUNDS):
+            names = self._proposed(z)
+            keys = self._fetched(names, until) if names is not None else None
+            if keys is not None:
+                if keys != self._keys:
+                    self._show(keys)
+                return
+            self.refresh()
+        raise MapUnavailableError("expected a map that stands still for an answer (got one that changes all the time)")
+
+    def _proposed(self, z: NDArray[np.float32]) -> Sequence[str] | None:
+        """Names, the likeliest first; None where the map is not what it was."""
+        limits, sizes = self._limits, self._sizes
+        if len(sizes) <= limits.buildings and sum(sizes.values()) <= limits.places:
+            return tuple(sizes)
+        nearest = self._link.nearest(z, limits.nearest, tuple(sizes) if self.config.buildings else None)
+        if nearest is None:
+            return None
+        believed = self._tracker.likely_buildings(BELIEVED) if self._tracker is not None else ()
+        return shortlist(nearest, sizes, self.map.model.temperature, limits, self.map.buildings, believed)
+
+    def _fetched(self, names: Sequence[str], until: float) -> tuple[Key, ...] | None:
+        """Keys of what is held of these, by name; None where the map is not what it was."""
+        assert self._catalogue is not None
+        keys: list[Key] = []
+        for name in names:
+            key = key_of(self._catalogue.buildings[name], name)
+            if keys and time.monotonic() > until and not self._holdings.ready(key, self.config):
+                continue
+            if key not in self._holdings:
+                fetched = self._link.fetch(name)
+                if fetched is None:
+                    return None
+                self._holdings.add(name, fetched)
+                if key not in self._holdings:
+                    return None
+            self._holdings.prepare(key, self._link.name, self.map.model, self._whole, self.config)
+            keys.append(key)
+        return tuple(sorted(keys))
+
+    def _show(self, keys: tuple[Key, ...]) -> None:
+        """Answer from these buildings, by rising name, from now on."""
+        model = self._link.model
+        assert model is not None
+        believed = self._tracker or self._before
+        loaded, filter_model = self._holdings.map_of(keys, self._link.name, model, self._whole, self.config)
+        self._serve(loaded, filter_model)
+        self._keys = keys
+        if believed is not None and self._tracker is not None:
+            self._tracker.carry_over(believed)
+            self._before = None
+        elif believed is not None:
+            self._before = believed
+
+
+def _nothing(name: str) -> LoadedMap:
+    """The map before the server has answered: no places, by a model that nothing is ever asked of."""
+    labelspace = Labelspace("none", ("none",))
+    encoder = build_encoder("rings", None, len(labelspace), torch.Generator()).eval()
+    return assemble(name, Model(encoder, labelspace), [], "")

@@ -1,0 +1,51 @@
+"""From what a person calls a map, a file or an address, to a localiser in it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from semloc_core.config import LocaliserConfig
+from semloc_core.errors import MapUnavailableError
+from semloc_core.fleet.address import is_address, parse_address
+from semloc_core.localiser import Localiser
+from semloc_core.map_database import load
+
+
+def open_localiser(
+    map_: str, config: LocaliserConfig | None = None, *, wait: bool = False, patience_s: float = math.inf
+) -> Localiser:
+    """A localiser in a map.
+
+    Args:
+        map_: path of a map file, or ``milvus+http://host:port/name``.
+        config: options.
+        wait: a server that is not there yet is waited for: until it is, there is no map, and no answer.
+        patience_s: how long one answer may fetch buildings from a server, see `FleetLocaliser`.
+
+    Raises:
+        MapError: no map, a damaged one, or one without the buildings asked for.
+        MapUnavailableError: its server does not answer, and ``wait`` is false.
+
+    """
+    config = config or LocaliserConfig()
+    if not is_address(map_):
+        return Localiser(load(map_).narrowed(config.buildings), config)
+    address = parse_address(map_)
+    from semloc_core.fleet.link import Link
+    from semloc_core.fleet.localiser import FleetLocaliser
+    from semloc_core.fleet.milvus_source import MilvusSource
+
+    source = MilvusSource(address, config.server_timeout_s, config.server_poll_s)
+    localiser = FleetLocaliser(Link(source, np.random.default_rng()), config, patience_s=patience_s)
+    try:
+        localiser.refresh()
+    except MapUnavailableError:
+        if not wait:
+            localiser.close()
+            raise
+    except BaseException:
+        localiser.close()
+        raise
+    return localiser
