@@ -129,7 +129,6 @@ def test_on_a_short_list_they_are_those_of_a_file_of_these_buildings(make, path,
         names = localiser.map.buildings
         assert len(names) == 3
         assert mine.map == wire.MapInfo("site", whole.hash, whole.n_places)
-        assert mine.matches[0].map == "lab/1"  # the corridor of seed 5
         if names not in files:
             buildings = {name: building_update(seed=NAMES.index(name)) for name in names}
             files[names] = make_map(tmp_path / f"{len(files)}.map", model, **buildings)
