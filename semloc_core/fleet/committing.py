@@ -1,30 +1,25 @@
 """Changing a map on a Milvus server: written under new generations first, made visible by one request at the end.
 
-Killed before that request, a writer leaves the map as it was, and rows that nothing points to; `sweep` finds them by
-the row that each generation has from before its first row of content on, and deletes what is older than a grace time:
-writers may still be at work on it, and readers on what was replaced.
+Killed before that request, a writer leaves the map as it was, and rows that nothing points to; a sweep finds them by
+the row that each generation has from before its first row of content on.
 """
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from semloc_core.errors import MapError
 from semloc_core.fleet import layout
-from semloc_core.fleet.reading import State, read_state
+from semloc_core.fleet.reading import State, read_map_row, read_pointers
 from semloc_core.fleet.rows import FORMAT_VERSION, MapRow, Pointer, Row, blob_rows, integer, pack, place_rows
 from semloc_core.fleet.server import Server
 from semloc_core.map_database.loaded import StoredBuilding
-from semloc_core.map_database.records import MAX_BUILDINGS, PlaceRows
+from semloc_core.map_database.records import PlaceRows
 from semloc_core.map_database.schema import MAX_BLOB_BYTES
 from semloc_core.model import Model
 
-logger = logging.getLogger(__name__)
-
-GRACE_S = 3600.0
 _RENEW_S = 30.0
 _BYTES_AT_ONCE = 4 * 2**20
 _ROWS_AT_ONCE = 4096
@@ -107,35 +102,44 @@ def commit(
         upload.put(layout.blobs(name), blob_rows(generation, "history", draft.stored.history))
         upload.put(layout.places(name, of_map.dimension), place_rows(generation, draft.places))
         flip.append(_catalogue_row(key, generation, pointer))
-    replaced: set[int] = set()
-    if before is not None:
-        now = read_state(server, name, before)
-        _check_unchanged(before, now, drafts, row)
-        replaced = _replaced(now, drafts, row)
-    upload.finish(replaced)
+    upload.finish(_check_unchanged(server, name, before, drafts, row is None) if before is not None else set())
     flip.append(_catalogue_row(layout.CHANGE, layout.new_generation(), ""))
     for part in _parts(flip):
         server.upsert(layout.catalogue(name), part)
 
 
-def _check_unchanged(before: State, now: State, drafts: Mapping[str, Draft | None], row: MapRow | None) -> None:
-    """Refuse to write over what another writer did meanwhile, where the drafts build on what was before."""
-    if row is None and now.map_row.model_hash != before.map_row.model_hash:
-        was, is_now = before.map_row.model_hash[:12], now.map_row.model_hash[:12]
+def _check_unchanged(
+    server: Server, name: str, before: State, drafts: Mapping[str, Draft | None], same: bool
+) -> set[int]:
+    """Refuse to write over what another writer did meanwhile, where the drafts build on what was before.
+
+    Args:
+        server: where.
+        name: the map's.
+        before: what the drafts were made from.
+        drafts: by building.
+        same: whether the map's model stays.
+
+    Returns:
+        Generations that nothing will point to any more.
+
+    """
+    model_generation, row = read_map_row(server, name)
+    if same and row.model_hash != before.map_row.model_hash:
+        was, is_now = before.map_row.model_hash[:12], row.model_hash[:12]
         raise MapError(f"expected a map made with model {was} (got {is_now}: another writer built it anew meanwhile)")
+    keys = {layout.building_key(building): building for building in drafts}
+    current = {}
+    for key, (generation, pointer) in read_pointers(server, name, sorted(keys)).items():
+        if not pointer.removed and pointer.model == row.model_hash:
+            current[keys[key]] = generation
     for building, draft in drafts.items():
-        current = now.pointers.get(building)
-        if draft is not None and draft.new and current is not None:
+        if draft is not None and draft.new and building in current:
             raise MapError(f"expected a building that the map does not have (got {building!r})")
-        if draft is not None and draft.base is not None and (current is None or current[0] != draft.base):
+        if draft is not None and draft.base is not None and current.get(building) != draft.base:
             advice = "which another writer changed meanwhile: try again"
             raise MapError(f"expected a building that is as it was read (got {building!r}, {advice})")
-
-
-def _replaced(now: State, drafts: Mapping[str, Draft | None], row: MapRow | None) -> set[int]:
-    """Generations that nothing will point to any more."""
-    replaced = {now.pointers[building][0] for building in drafts if building in now.pointers}
-    return replaced | {now.model_generation} if row is not None else replaced
+    return {*current.values(), *(() if same else (model_generation,))}
 
 
 def _tombstone(pointer: Pointer) -> Pointer:
@@ -210,40 +214,3 @@ class _Upload:
         for part in _parts(rows):
             self._server.upsert(layout.generations(self._name), part)
         self._renewed = time.monotonic()
-
-
-def sweep(server: Server, name: str, older_than_s: float = GRACE_S) -> int:
-    """Delete what nothing points to: left by writers that were killed, or replaced since.
-
-    Args:
-        server: where.
-        name: the map's.
-        older_than_s: leave alone what was written or replaced less than this ago, by the clocks of the machines that
-            did.
-
-    Returns:
-        How many generations were deleted.
-
-    Raises:
-        MapError: no such map, or the server refuses.
-
-    """
-    if not older_than_s >= 0:
-        raise MapError(f"expected a grace time of at least 0 s (got {older_than_s})")
-    collection = layout.generations(name)
-    state = read_state(server, name)
-    before = layout.now_ms() - int(older_than_s * 1000)
-    condition = f"touched_ms < {before}" if older_than_s > 0 else f"touched_ms <= {before}"
-    rows = server.query_all(collection, condition, ("generation",), 4 * MAX_BUILDINGS)
-    old = {integer(row, "generation") for row in rows}
-    # After the list was read: what another writer made visible in between is in use.
-    garbage = sorted(old - read_state(server, name, state).generations())
-    if not garbage:
-        return 0
-    start = layout.places(name, 0)[:-1]
-    with_places = [each for each in server.collections() if each.startswith(start) and each[len(start) :].isdigit()]
-    for generation in garbage:
-        for each in (*with_places, layout.blobs(name), collection):  # its own row last: until then it is found again
-            server.delete(each, f"generation == {generation}")
-    logger.info("%s: %d generations swept", server.address, len(garbage))
-    return len(garbage)

@@ -8,8 +8,7 @@ that builds on what was read (a merge, a single place) is refused where another 
 from __future__ import annotations
 
 import logging
-from collections import OrderedDict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Unpack
@@ -19,18 +18,19 @@ from numpy.typing import ArrayLike
 from semloc_core.errors import MapError
 from semloc_core.fleet import layout
 from semloc_core.fleet.address import MilvusAddress
-from semloc_core.fleet.committing import GRACE_S, Draft, commit, sweep
-from semloc_core.fleet.reading import no_map, read_building, read_change, read_model, read_state
+from semloc_core.fleet.committing import Draft, commit
+from semloc_core.fleet.creating import make_collections
+from semloc_core.fleet.opened import OpenedMap
+from semloc_core.fleet.reading import no_map, read_change, read_state
 from semloc_core.fleet.server import Server
-from semloc_core.map_database.history import ClassChange, History, pack_history, unpack_history
+from semloc_core.fleet.sweeping import GRACE_S, sweep
+from semloc_core.map_database.history import History, pack_history
 from semloc_core.map_database.loaded import StoredBuilding
-from semloc_core.map_database.meta import MapMeta, check_hash
 from semloc_core.map_database.records import (
     Note,
     PlaceRows,
     check_name,
     check_places,
-    content_hash,
     unpack_graph,
 )
 from semloc_core.map_database.write import check_in_graph, stored_building
@@ -40,20 +40,14 @@ from semloc_core.scene_graph import SceneGraph
 logger = logging.getLogger(__name__)
 
 WRITE_TIMEOUT_S = 60.0
-_KEPT = 4  # buildings as they were read
 
 
-class FleetDatabase:
+class FleetDatabase(OpenedMap):
     """A map on a server, open for changes; use it as a context manager. To localise: `MilvusSource`."""
 
     def __init__(self, server: Server) -> None:
-        self._server = server
-        self._state = read_state(server, self.name)
-        self._drafts: dict[str, Draft | None] = {}
-        self._fresh_model: Model | None = None
-        self._depth = 0
-        self._read: OrderedDict[int, tuple[StoredBuilding, PlaceRows]] = OrderedDict()
-        self._read_model: tuple[int, Model] | None = None
+        super().__init__(server)
+        self._tidied = False
 
     @classmethod
     def create(
@@ -122,55 +116,11 @@ class FleetDatabase:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    @property
-    def name(self) -> str:
-        """The map's name in its address."""
-        return self._server.address.name
-
-    @property
-    def meta(self) -> MapMeta:
-        """What the map says of itself, without what is not committed yet; ``generation`` rises with every change."""
-        row, pointers = self._state.map_row, self._state.pointers
-        digests = ((name, pointer.digest) for name, (_, pointer) in pointers.items())
-        return MapMeta(
-            model_hash=row.model_hash,
-            model_name=row.model_name,
-            labelspace_hash=row.labelspace_hash,
-            labelspace_name=row.labelspace_name,
-            dimension=row.dimension,
-            content_hash=content_hash(row.model_hash, row.labelspace_hash, digests),
-            generation=self._state.change,
-        )
-
-    @property
-    def buildings(self) -> tuple[str, ...]:
-        """Names of the buildings, sorted."""
-        names = set(self._state.pointers) if self._fresh_model is None else set()
-        for name, draft in self._drafts.items():
-            (names.discard if draft is None else names.add)(name)
-        return tuple(sorted(names))
-
-    @property
-    def model(self) -> Model:
-        """The map's model."""
-        if self._fresh_model is not None:
-            return self._fresh_model
-        generation = self._state.model_generation
-        if self._read_model is None or self._read_model[0] != generation:
-            self._read_model = generation, read_model(self._server, self.name, self._state)
-        return self._read_model[1]
-
-    def require(self, model_hash: str | None = None, labelspace_hash: str | None = None) -> None:
-        """Refuse a map of another model or labelspace; MapError names both sides."""
-        row = self._state.map_row
-        check_hash("model", model_hash, row.model_hash, row.model_name, self.name)
-        check_hash("labelspace", labelspace_hash, row.labelspace_hash, row.labelspace_name, self.name)
-
     def refresh(self) -> None:
         """Take in what other writers have done; not inside a transaction."""
         if self._depth:
             raise MapError("expected no running transaction (got one)")
-        self._state = read_state(self._server, self.name, self._state)
+        self._stale = True
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
@@ -189,25 +139,26 @@ class FleetDatabase:
             finally:
                 self._depth -= 1
             return
-        self.refresh()
+        self._last, self._stale = read_state(self._server, self.name, self._last), False
         self._depth = 1
         try:
             yield
             if self._drafts or self._fresh_model is not None:
-                commit(self._server, self.name, self._state, self._drafts, self._fresh_model)
+                commit(self._server, self.name, self._last, self._drafts, self._fresh_model)
         finally:
-            self._depth, self._drafts, self._fresh_model = 0, {}, None
-        self.refresh()
-        self._tidy()
+            self._depth, self._drafts, self._fresh_model, self._stale = 0, {}, None, True
+        if not self._tidied:
+            self._tidied = True
+            self._tidy()
 
     def _tidy(self) -> None:
         try:
-            sweep(self._server, self.name, GRACE_S)
+            sweep(self._server, self.name, GRACE_S, self._last)
         except MapError as error:  # the change is made; what is left to tidy the next one finds
             logger.warning("%s: not swept: %s", self._server.address, error)
 
     def sweep(self, older_than_s: float = GRACE_S) -> int:
-        """Delete what nothing points to; see `committing.sweep`."""
+        """Delete what nothing points to; see `semloc_core.fleet.sweeping.sweep`."""
         return sweep(self._server, self.name, older_than_s)
 
     def add_building(
@@ -297,38 +248,6 @@ class FleetDatabase:
             make_collections(self._server, model, "")
             self._fresh_model = model
 
-    def building(self, name: str) -> tuple[StoredBuilding, PlaceRows]:
-        """A building as it is stored."""
-        return self._building(name)
-
-    def place_ids(self, building: str) -> tuple[str, ...]:
-        """A building's places, by rising id."""
-        return self._building(building)[1].ids
-
-    def graph(self, building: str) -> SceneGraph:
-        """The scene graph of a building."""
-        return unpack_graph(self._building(building)[0].graph)
-
-    def history(self, building: str) -> History:
-        """What traversals have told of a building since it was mapped."""
-        return unpack_history(self._building(building)[0].history)
-
-    def changes(self, building: str) -> Mapping[str, ClassChange]:
-        """How the classes of a building changed, from the catalogue."""
-        if self._drafts.get(building) is None:
-            self._check_known(building)
-            return self._state.pointers[building][1].changes
-        return self.history(building).classes
-
-    @property
-    def _dimension(self) -> int:
-        return self._state.map_row.dimension if self._fresh_model is None else self._fresh_model.encoder.dimension
-
-    def _check_known(self, name: str) -> None:
-        if name not in (names := self.buildings):
-            known = ", ".join(names[:8]) + (", …" if len(names) > 8 else "")
-            raise MapError(f"expected one of the map's buildings: {known or 'none'} (got {name!r})")
-
     def _put(
         self,
         name: str,
@@ -350,36 +269,3 @@ class FleetDatabase:
             self._drafts[stored.name] = Draft(stored, places, draft.base, draft.new)
         else:
             self._drafts[stored.name] = Draft(stored, places, self._state.pointers[stored.name][0])
-
-    def _building(self, name: str) -> tuple[StoredBuilding, PlaceRows]:
-        draft = self._drafts.get(name)
-        if draft is not None:
-            return draft.stored, draft.places
-        self._check_known(name)
-        generation, pointer = self._state.pointers[name]
-        if generation not in self._read:
-            dimension = self._state.map_row.dimension
-            self._read[generation] = read_building(self._server, self.name, dimension, generation, pointer)
-            while len(self._read) > _KEPT:
-                self._read.popitem(last=False)
-        self._read.move_to_end(generation)
-        return self._read[generation]
-
-
-def make_collections(server: Server, model: Model, index: str) -> None:
-    """The collections of a map with a model's number of dimensions, those that are not there yet.
-
-    Args:
-        server: where.
-        model: of the map.
-        index: kind of index; empty: the same as the map's other places have.
-
-    """
-    name = server.address.name
-    if not index:
-        start = layout.places(name, 0)[:-1]
-        others = [each for each in server.collections() if each.startswith(start)]
-        index = (server.index_type(others[0]) if others else "") or layout.INDEX_KINDS[0]
-    for collection, fields in layout.collections(name, model.encoder.dimension).items():
-        is_places = collection == layout.places(name, model.encoder.dimension)
-        server.create(collection, fields, index if is_places else "FLAT")

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from semloc_core.errors import MapError, SemlocError
 from semloc_core.fleet import layout
 from semloc_core.fleet.rows import (
     MapRow,
-    MissingRowsError,
     Pointer,
     check_building,
     integer,
@@ -32,8 +30,6 @@ _PIECES_AT_ONCE = 256  # 16 MiB of text
 _POINTERS_AT_ONCE = 512  # at most 32 MiB
 _PLACE_BYTES_AT_ONCE = 2**23
 
-T = TypeVar("T")
-
 
 @dataclass(frozen=True)
 class State:
@@ -44,7 +40,7 @@ class State:
         model_generation: where its model is.
         change: the number that the last change left.
         pointers: building -> its generation and row; names rising.
-        removed: keys of rows of buildings that are there no longer.
+        known: the same by key, with rows that say that a building was removed.
 
     """
 
@@ -99,23 +95,13 @@ def _read_state(server: Server, name: str, before: State | None) -> State | None
     if before is not None and before.model_generation == model_generation:
         map_row = before.map_row
     else:
-        meta = server.query(collection, f'key == "{layout.META}"', layout.CATALOGUE_FIELDS, 1)
-        if not meta or integer(meta[0], "generation") != model_generation:
+        generation, map_row = read_map_row(server, name)
+        if generation != model_generation:
             return None
-        map_row = unpack(meta[0].get("data"), MapRow)
-    for start in range(0, len(fresh), _POINTERS_AT_ONCE):
-        some = fresh[start : start + _POINTERS_AT_ONCE]
-        if not all(key.isalnum() and key.isascii() for key in some):
-            raise MapError(f"expected keys of buildings in {server.address} (got others: the map is damaged)")
-        listed = ", ".join(f'"{key}"' for key in some)
-        for row in server.query(collection, f"key in [{listed}]", layout.CATALOGUE_FIELDS, len(some)):
-            key, generation = text(row, "key"), integer(row, "generation")
-            if now.get(key) != generation:
-                return None
-            pointer = unpack(row.get("data"), Pointer)
-            if layout.building_key(pointer.name) != key:
-                raise MapError(f"expected building {pointer.name!r} under its key (got another: the map is damaged)")
-            known[key] = generation, pointer
+    for key, entry in read_pointers(server, name, fresh).items():
+        if now[key] != entry[0]:
+            return None
+        known[key] = entry
     known = {key: known[key] for key in now if key in known and known[key][0] == now[key]}
     if len(known) != len(now):
         return None
@@ -125,6 +111,30 @@ def _read_state(server: Server, name: str, before: State | None) -> State | None
         raise MapError(f"expected at most {MAX_BUILDINGS} buildings (got {len(valid)})")
     pointers = {entry[1].name: entry for entry in sorted(valid, key=lambda entry: entry[1].name)}
     return State(map_row, model_generation, change, pointers, known)
+
+
+def read_map_row(server: Server, name: str) -> tuple[int, MapRow]:
+    """What the map says of itself, and the generation of its model."""
+    rows = server.query(layout.catalogue(name), f'key == "{layout.META}"', layout.CATALOGUE_FIELDS, 1)
+    if not rows:
+        raise no_map(server, name)
+    return integer(rows[0], "generation"), unpack(rows[0].get("data"), MapRow)
+
+
+def read_pointers(server: Server, name: str, keys: Sequence[str]) -> dict[str, tuple[int, Pointer]]:
+    """Rows of buildings by key, with their generations; those that are not there are left out."""
+    found = {}
+    for start in range(0, len(keys), _POINTERS_AT_ONCE):
+        some = keys[start : start + _POINTERS_AT_ONCE]
+        if not all(key.isalnum() and key.isascii() for key in some):
+            raise MapError(f"expected keys of buildings in {server.address} (got others: the map is damaged)")
+        listed = ", ".join(f'"{key}"' for key in some)
+        for row in server.query(layout.catalogue(name), f"key in [{listed}]", layout.CATALOGUE_FIELDS, len(some)):
+            key, pointer = text(row, "key"), unpack(row.get("data"), Pointer)
+            if key not in some or layout.building_key(pointer.name) != key:
+                raise MapError(f"expected building {pointer.name!r} under its key (got another: the map is damaged)")
+            found[key] = integer(row, "generation"), pointer
+    return found
 
 
 def no_map(server: Server, name: str) -> MapError:
@@ -209,14 +219,3 @@ def current(read: Callable[[], State], again: Callable[[], State], building: str
             return state.pointers[building]
     known = ", ".join(list(state.pointers)[:8]) + (", …" if len(state.pointers) > 8 else "")
     raise MapError(f"expected one of the map's buildings: {known or 'none'} (got {building!r})")
-
-
-def followed(read: Callable[[], T], look_again: Callable[[], bool], tries: int = 3) -> T:
-    """What ``read`` gives; where its rows were swept under it, read again as long as the pointer has moved on."""
-    for _ in range(tries):
-        try:
-            return read()
-        except MissingRowsError:
-            if not look_again():
-                raise
-    return read()

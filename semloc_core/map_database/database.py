@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from semloc_core.errors import MapError
 from semloc_core.map_database import write
-from semloc_core.map_database.history import History
+from semloc_core.map_database.history import ClassChange, History
 from semloc_core.map_database.loaded import StoredBuilding
 from semloc_core.map_database.meta import MapMeta, check_hash, read_meta, seal, write_model
 from semloc_core.map_database.records import (
@@ -327,6 +327,10 @@ class MapDatabase:
         """What traversals have told of a building since it was mapped."""
         with map_errors(self.path):
             return read_history(self._connection, building_key(self._connection, building))
+
+    def changes(self, building: str) -> Mapping[str, ClassChange]:
+        """The class changes in a building's history."""
+        return self.history(building).classes
 
     def _put_places(
         self,

@@ -183,6 +183,10 @@ class LoadedMap:
             self.name, self.model, [(self._stored(n), p) for n, p in zip(names, places, strict=True)], part_of=whole
         )
 
+    def changes(self, building: str) -> Mapping[str, ClassChange]:
+        """The class changes in a building's history."""
+        return self.history(building).classes
+
     def _changes(self) -> Sequence[Mapping[str, ClassChange]]:
         if self.part_of is not None:
             return self.part_of.changes

@@ -7,7 +7,7 @@ from collections.abc import Collection
 import msgspec
 
 from semloc_core.errors import MapError
-from semloc_core.map_database import MapDatabase
+from semloc_core.map_database.protocols import WritableMap
 from semloc_core.map_merge.store import write
 from semloc_core.model import Model
 from semloc_core.scene_graph import SceneGraph
@@ -78,7 +78,7 @@ def with_places(graph: SceneGraph, newer: SceneGraph, places: Collection[str], *
     return result
 
 
-def store_edited(database: MapDatabase, model: Model, name: str, graph: SceneGraph) -> None:
+def store_edited(database: WritableMap, model: Model, name: str, graph: SceneGraph) -> None:
     """Put an edited scene graph in place of a building's; all its places are embedded anew.
 
     Args:

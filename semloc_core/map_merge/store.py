@@ -1,16 +1,15 @@
-"""Merges into map files: read, merged, embedded anew and written, in one transaction."""
+"""Merges into maps: read, merged, embedded anew and written, in one transaction."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
 
 import numpy as np
 
 from semloc_core.errors import MapError
 from semloc_core.graph_arrays import GraphArrays
-from semloc_core.map_database import MapDatabase
 from semloc_core.map_database.history import ClassChange, History
+from semloc_core.map_database.protocols import ReadableMap, WritableMap
 from semloc_core.map_database.weights import class_weights, object_weights
 from semloc_core.map_merge.align import Alignment
 from semloc_core.map_merge.config import MergeConfig
@@ -19,25 +18,8 @@ from semloc_core.model import Model, embed_graph
 from semloc_core.scene_graph import SceneGraph
 
 
-class Buildings(Protocol):
-    """What is read of a map: a `LoadedMap` has it, and a `MapDatabase`."""
-
-    @property
-    def buildings(self) -> tuple[str, ...]:
-        """Their names."""
-
-    def graph(self, building: str) -> SceneGraph:
-        """The scene graph of one."""
-
-    def history(self, building: str) -> History:
-        """The history of one."""
-
-    def require(self, model_hash: str | None = None, labelspace_hash: str | None = None) -> None:
-        """Refuse another model or labelspace."""
-
-
 def merge_into(
-    database: MapDatabase,
+    database: WritableMap,
     model: Model,
     traversal: SceneGraph,
     building: str | None = None,
@@ -69,7 +51,7 @@ def merge_into(
 
 
 def propose(
-    map_: Buildings,
+    map_: ReadableMap,
     model: Model,
     traversal: SceneGraph,
     building: str | None = None,
@@ -89,7 +71,7 @@ def propose(
     return name, merge(mapped, history, seen, others=others, config=config, source=source, name=name)
 
 
-def write(database: MapDatabase, model: Model, name: str, graph: SceneGraph, history: History) -> None:
+def write(database: WritableMap, model: Model, name: str, graph: SceneGraph, history: History) -> None:
     """Store a building as it is now, and embed the map anew: what a class weighs, it weighs in all buildings.
 
     Args:
@@ -109,7 +91,7 @@ def write(database: MapDatabase, model: Model, name: str, graph: SceneGraph, his
         embed_again(database, model, database.buildings if changed else [name])
 
 
-def embed_again(database: MapDatabase, model: Model, names: Sequence[str]) -> None:
+def embed_again(database: WritableMap, model: Model, names: Sequence[str]) -> None:
     """Embed buildings of a map with what their objects weigh by now: for whoever changes histories or adds any."""
     of_class = map_weights(database, model)
     for name in names:
@@ -122,9 +104,9 @@ def embed_again(database: MapDatabase, model: Model, names: Sequence[str]) -> No
         database.replace_places(name, ids, arrays.place_positions[kept], z[kept])
 
 
-def map_weights(map_: Buildings, model: Model) -> dict[str, float]:
+def map_weights(map_: ReadableMap, model: Model) -> dict[str, float]:
     """What each class weighs in a map."""
-    return class_weights([map_.history(name).classes for name in map_.buildings], model.labelspace)
+    return class_weights([map_.changes(name) for name in map_.buildings], model.labelspace)
 
 
 def side(model: Model, graph: SceneGraph, of_class: Mapping[str, float]) -> Side:
@@ -134,7 +116,7 @@ def side(model: Model, graph: SceneGraph, of_class: Mapping[str, float]) -> Side
     return Side.of(graph, model.labelspace, embed_graph(model, arrays, weights))
 
 
-def stored_side(map_: Buildings, model: Model, name: str) -> Side:
+def stored_side(map_: ReadableMap, model: Model, name: str) -> Side:
     """A building of a map, embedded with its objects' weights."""
     graph = map_.graph(name)
     weights = object_weights(graph, model.labelspace, map_.history(name), map_weights(map_, model))
@@ -142,12 +124,12 @@ def stored_side(map_: Buildings, model: Model, name: str) -> Side:
     return Side.of(graph, model.labelspace, embed_graph(model, arrays, weights))
 
 
-def other_changes(map_: Buildings, name: str) -> list[dict[str, ClassChange]]:
+def other_changes(map_: ReadableMap, name: str) -> list[Mapping[str, ClassChange]]:
     """Class changes of the map's other buildings."""
-    return [map_.history(other).classes for other in map_.buildings if other != name]
+    return [map_.changes(other) for other in map_.buildings if other != name]
 
 
-def _best(map_: Buildings, model: Model, seen: Side, names: Sequence[str], config: MergeConfig) -> str:
+def _best(map_: ReadableMap, model: Model, seen: Side, names: Sequence[str], config: MergeConfig) -> str:
     """The building on which the traversal is laid with most support."""
     found: list[tuple[Alignment, str]] = []
     refused: list[str] = []
