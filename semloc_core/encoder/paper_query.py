@@ -146,7 +146,7 @@ class PaperQuery:
             wide, n, count = n, near.nodes[hops], near.edges[hops]
             adjacency = np.bincount(near.target[:count] * wide + near.source[:count], minlength=n * wide)
             total = adjacency.reshape(n, wide).astype(np.float32) @ x
-            y: Array = total @ layer.message
+            y: Array = np.matmul(total, layer.message)
             y += x[:n] @ layer.root
             y += layer.bias
             x = _norm(y, layer)

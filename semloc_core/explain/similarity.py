@@ -27,8 +27,6 @@ from semloc_core.place_graph import Batch, repeat
 
 NODES_AT_ONCE = 2**13
 """Nodes in one union of copies: beyond a few thousand nothing gets faster, and memory would grow without bound."""
-FEW = 4
-"""Variants up to which making ready for many costs more than it saves."""
 
 
 class Similarity(Protocol):
@@ -54,7 +52,7 @@ class PerturbedEncoder:
         encoder: in eval mode.
         batch: one query place, N nodes.
         nodes_at_once: variants are encoded in portions of about so many nodes (at least one variant at a time).
-        queries: of that encoder, where there is one: a few variants are then embedded one by one.
+        queries: of that encoder, where there is one: removals then go its way where that is the faster one.
 
     Raises:
         ModelError: a batch of more places than one, or an encoder that is being trained.
@@ -91,10 +89,9 @@ class PerturbedEncoder:
         """
         k = self._check(features, keep)
         if features is None and keep is not None:
-            if self._queries is not None and k <= FEW:
-                few = self._queries.embed(self.batch, keep.numpy())
-                if few is not None:
-                    return torch.from_numpy(few)
+            found = self._queries.embed(self.batch, keep.numpy()) if self._queries is not None else None
+            if found is not None:
+                return torch.from_numpy(found)
             if self._removals is not None:
                 return self._removals.embed(keep)
         wants_gradient = features is not None and features.requires_grad
