@@ -33,6 +33,7 @@ from semloc_core.wire import PlaceMatches, SceneGraphUpdate, decode, encode
 
 SPACE = Labelspace("test", CLASSES[:3])
 CLOSE = 1e-5
+TENSORS = ("features", "edge_index", "edge_length", "is_object", "graph")
 
 
 def state(localiser: Localiser) -> tuple[object, ...]:
@@ -172,12 +173,18 @@ class Updates(RuleBasedStateMachine):
         fresh = SceneGraph.from_update(reference.to_update([graph.version % 7, 3, 1, 2]))
         places = sorted(reference.places)
         ours = extract(graph, kept, SPACE, places, extraction)
-        anew = extract(fresh, Visibility(fresh, kept.radius_m), SPACE, places, extraction)
+        anew_view = Visibility(fresh, kept.radius_m)
+        anew = extract(fresh, anew_view, SPACE, places, extraction)
         assert ours.node_ids == anew.node_ids
-        assert all(
-            torch.equal(getattr(ours, name), getattr(anew, name))
-            for name in ("features", "edge_index", "edge_length", "is_object", "graph")
-        )
+        assert all(torch.equal(getattr(ours, name), getattr(anew, name)) for name in TENSORS)
+        for place in places:  # what was kept from update to update
+            alone, one = (
+                self.localiser._surroundings.batch(place),
+                extract(fresh, anew_view, SPACE, [place], extraction),
+            )
+            assert alone.node_ids == one.node_ids
+            assert (alone.nodes_within, alone.edges_within) == (one.nodes_within, one.edges_within)
+            assert all(torch.equal(getattr(alone, name), getattr(one, name)) for name in TENSORS)
         if extraction.kind == "ego":
             for number, place in enumerate(places):
                 nodes = {id_ for id_, owner in zip(ours.node_ids, ours.graph.tolist(), strict=True) if owner == number}
