@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from semloc_core.encoder.base import Encoded
 from semloc_core.map_database import LoadedMap
 from semloc_core.place_graph import Batch
+from semloc_core.posterior import Ranking
 from semloc_core.stream import Outcome
-from semloc_core.wire import ClassAttributions, PlaceMatches
+from semloc_core.wire import ClassAttributions, Match, PlaceMatches
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,3 +80,28 @@ class ServerState:
     answers: bool
     line: str
     values: dict[str, str]
+
+
+def matches_of(
+    loaded: LoadedMap, rows: NDArray[np.int64], ranking: Ranking, similarity: NDArray[np.float32]
+) -> list[Match]:
+    """Rows of a map as a message lists them.
+
+    Args:
+        loaded: the map.
+        rows: (K,) best first.
+        ranking: has their probabilities.
+        similarity: (M,) of the query to all places of the map.
+
+    """
+    return [
+        Match(
+            rank=rank,
+            map=loaded.buildings[int(loaded.building_index[row])],
+            place=loaded.place_ids[row],
+            position=tuple(loaded.positions[row].tolist()),
+            similarity=float(similarity[row]),
+            probability=ranking.probability[row],
+        )
+        for rank, row in enumerate(rows.tolist(), 1)
+    ]

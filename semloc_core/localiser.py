@@ -10,16 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from semloc_core.answer import Localisation, Located, Query, ServerState
+from semloc_core.answer import Localisation, Located, Query, ServerState, matches_of
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
-from semloc_core.errors import SemlocError
-from semloc_core.explain import class_scores, object_scores
-from semloc_core.explain.explainers import explain
-from semloc_core.explain.fidelity import own_fidelity
-from semloc_core.explain.similarity import SimilarityQuery
+from semloc_core.explain.answered import EXPLAINER_SEED, explain_answer
 from semloc_core.filter_model import MapModel
 from semloc_core.map_database import LoadedMap
 from semloc_core.name_counter import NameCounter
@@ -43,9 +38,6 @@ from semloc_core.wire import (
 )
 
 __all__ = ["EXPLAINER_SEED", "Localisation", "Localiser", "Located", "Query"]
-
-EXPLAINER_SEED = 0
-"""Explainers that sample start from it at every answer: a replay explains as the node did, also from its middle."""
 
 
 @dataclass(eq=False)
@@ -95,12 +87,7 @@ class Localiser:
         return self.map.buildings
 
     def renewed(self, config: LocaliserConfig | None = None) -> Localiser:
-        """Another localiser on the same map that knows nothing of this one's stream.
-
-        Args:
-            config: its options, with the same ``buildings`` (only opening a map anew changes them); None: the same.
-
-        """
+        """Another localiser on the same map, without this one's stream; ``buildings`` are as this map was opened."""
         return Localiser(self.map, config or self.config)
 
     def keep_up(self) -> None:
@@ -146,12 +133,7 @@ class Localiser:
         self._look_again(other._visibility)
 
     def _look_again(self, visibility: Visibility | None) -> None:
-        """Look at the graph as the map's model does.
-
-        Args:
-            visibility: what another model has seen of this graph; used where it looks as far.
-
-        """
+        """Look at the graph as the map's model does; ``visibility`` by another model is kept if that looks as far."""
         graph, model = self.stream.graph, self.map.model
         self._surroundings = None
         self.unknown_classes.clear()
@@ -248,9 +230,9 @@ class Localiser:
         message = self._message(
             query,
             "match" if accepted else "ambiguous" if ranking.in_map >= IN_MAP else "unknown",
-            matches=self._matches(ranking.rows, ranking, everywhere),
-            rivals=[] if accepted else self._matches(ranking.rivals()[: self.config.top_n], ranking, everywhere),
-            raw_matches=self._matches(raw.rows, raw, everywhere) if ranking is not raw else None,
+            matches=matches_of(self.map, ranking.rows, ranking, everywhere),
+            rivals=[] if accepted else matches_of(self.map, ranking.rivals()[: self.config.top_n], ranking, everywhere),
+            raw_matches=matches_of(self.map, raw.rows, raw, everywhere) if ranking is not raw else None,
             calibrated=calibrated,
         )
         return Located(query, message, self.map, best)
@@ -333,50 +315,9 @@ class Localiser:
             SemlocError: there is nothing to explain: the answer has no match.
 
         """
-        query = located.query
-        if located.best_row is None or query.batch is None or query.encoded is None:
-            raise SemlocError(f"expected an answer with a match to explain (got {located.matches.status})")
-        target = torch.from_numpy(located.map.embeddings[located.best_row])
-        question = SimilarityQuery.from_encoder(
-            located.map.model.encoder,
-            query.batch,
-            target,
-            query.class_names,
-            query.encoded,
-            queries=located.map.queries,
-        )
-        scores = explain(question, self.config.explainer, np.random.default_rng(EXPLAINER_SEED))
-        best = located.matches.matches[0]
-        return ClassAttributions(
-            schema="semloc/class_attributions/1",
-            stamp_ns=query.stamp_ns,
-            frame_id=self.config.frame_id,
-            seq=query.seq,
-            query_place=query.place,
-            match_map=best.map,
-            match_place=best.place,
-            method=scores.method,
-            classes=class_scores(scores),
-            objects=object_scores(scores),
-            unattributed=scores.unattributed,
-            fidelity=own_fidelity(question, scores),
-            completeness_gap=scores.completeness_gap,
-        )
+        return explain_answer(located, self.config)
 
     # -- messages ----------------------------------------------------------------------------------------------
-
-    def _matches(self, rows: NDArray[np.int64], ranking: Ranking, similarity: NDArray[np.float32]) -> list[Match]:
-        return [
-            Match(
-                rank=rank,
-                map=self.map.buildings[int(self.map.building_index[row])],
-                place=self.map.place_ids[row],
-                position=tuple(self.map.positions[row].tolist()),
-                similarity=float(similarity[row]),
-                probability=ranking.probability[row],
-            )
-            for rank, row in enumerate(rows.tolist(), 1)
-        ]
 
     def _message(
         self,

@@ -1,0 +1,62 @@
+"""Why an answer was given: what is published with it."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from semloc_core.answer import Located
+from semloc_core.config import LocaliserConfig
+from semloc_core.errors import SemlocError
+from semloc_core.explain.explainers import explain
+from semloc_core.explain.fidelity import own_fidelity
+from semloc_core.explain.scores import class_scores, object_scores
+from semloc_core.explain.similarity import SimilarityQuery
+from semloc_core.messages import ClassAttributions
+
+EXPLAINER_SEED = 0
+"""Explainers that sample start from it at every answer: a replay explains as the node did, also from its middle."""
+
+
+def explain_answer(located: Located, config: LocaliserConfig) -> ClassAttributions:
+    """Say which classes and objects carried an answer, and how well that holds when put to the test.
+
+    Needs the answer alone: any thread or process can do it, whatever updates have come since.
+
+    Args:
+        located: the answer.
+        config: says by which explainer, and the frame of the message.
+
+    Raises:
+        SemlocError: there is nothing to explain: the answer has no match.
+
+    """
+    query = located.query
+    if located.best_row is None or query.batch is None or query.encoded is None:
+        raise SemlocError(f"expected an answer with a match to explain (got {located.matches.status})")
+    target = torch.from_numpy(located.map.embeddings[located.best_row])
+    question = SimilarityQuery.from_encoder(
+        located.map.model.encoder,
+        query.batch,
+        target,
+        query.class_names,
+        query.encoded,
+        queries=located.map.queries,
+    )
+    scores = explain(question, config.explainer, np.random.default_rng(EXPLAINER_SEED))
+    best = located.matches.matches[0]
+    return ClassAttributions(
+        schema="semloc/class_attributions/1",
+        stamp_ns=query.stamp_ns,
+        frame_id=config.frame_id,
+        seq=query.seq,
+        query_place=query.place,
+        match_map=best.map,
+        match_place=best.place,
+        method=scores.method,
+        classes=class_scores(scores),
+        objects=object_scores(scores),
+        unattributed=scores.unattributed,
+        fidelity=own_fidelity(question, scores),
+        completeness_gap=scores.completeness_gap,
+    )
