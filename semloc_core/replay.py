@@ -106,7 +106,7 @@ def _trim(waiting: dict[int, T]) -> None:
 
 def replay(
     run: Path,
-    loaded: LoadedMap,
+    map_: LoadedMap | Localiser,
     config: LocaliserConfig,
     *,
     topic: str = "/scene_graph",
@@ -117,7 +117,7 @@ def replay(
 
     Args:
         run: the bag (a rosbag2 folder or a single .mcap).
-        loaded: the map.
+        map_: the map; or a localiser in one that knows nothing yet, with the same options.
         config: the localiser's options.
         topic: where the updates are.
         results: a bag to write matches, attributions and the ground truth to.
@@ -127,8 +127,8 @@ def replay(
         BagError: the run can't be read, or has no updates on ``topic``.
 
     """
-    localiser = Localiser(loaded, config)
-    score = TraversalScore(loaded.buildings)
+    localiser = map_ if isinstance(map_, Localiser) else Localiser(map_, config)
+    score = TraversalScore(localiser.buildings)
     truths, latency, summary = _Truths(score), LatencyHistogram(), ReplaySummary()
     with contextlib.ExitStack() as stack:
         writer = stack.enter_context(BagWriter(results)) if results is not None else None
@@ -159,7 +159,7 @@ def replay(
         raise BagError(f"expected scene-graph updates on {topic} in {run} (got none)")
     summary.counts.update(localiser.stream.counts)
     summary.unknown_classes = localiser.unknown_classes
-    summary.rows, summary.unscored = score.rows(loaded.model.encoder.name), score.unscored
+    summary.rows, summary.unscored = score.rows(localiser.map.model.encoder.name), score.unscored
     summary.p50_ms, summary.p99_ms = latency.percentile(50), latency.percentile(99)
     return summary
 

@@ -127,7 +127,12 @@ def progress(description: str) -> Iterator[Callable[[int, int, str], None]]:
 
 
 def show(
-    command: str, seed: int, inputs: Sequence[Path], rows: list[dict[str, Any]], json_file: Path | None, title: str
+    command: str,
+    seed: int,
+    inputs: Sequence[Path | str],
+    rows: list[dict[str, Any]],
+    json_file: Path | None,
+    title: str,
 ) -> None:
     """Print rows as a table and, if asked, write the same rows as JSON."""
     from semloc_core.evaluate.table import print_table
@@ -137,7 +142,7 @@ def show(
         write_json(json_file, command, seed, inputs, rows)
 
 
-def write_json(path: Path, command: str, seed: int, inputs: Sequence[Path], rows: list[dict[str, Any]]) -> None:
+def write_json(path: Path, command: str, seed: int, inputs: Sequence[Path | str], rows: list[dict[str, Any]]) -> None:
     """Write rows as JSON, with what they come from; the whole file or nothing."""
     from semloc_core.evaluate.table import document
 

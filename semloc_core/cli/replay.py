@@ -16,7 +16,9 @@ _DEFAULT = LocaliserConfig()
 
 def replay(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="The recorded run.")],
-    map_file: Annotated[Path, typer.Option("--map", metavar="MAP", help="The map database.")],
+    map_: Annotated[
+        str, typer.Option("--map", metavar="MAP|URL", help="The map file, or milvus+http://host:port/name.")
+    ],
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="RESULTS", help="Write matches and attributions to a bag.")
     ] = None,
@@ -26,6 +28,9 @@ def replay(
     accept_probability: Annotated[float, typer.Option(help=_HELP["accept_probability"])] = _DEFAULT.accept_probability,
     rerank: Annotated[str, typer.Option("--rerank", metavar="none|layout", help=_HELP["rerank"])] = _DEFAULT.rerank,
     filter_: Annotated[str, typer.Option("--filter", metavar="none|bayes", help=_HELP["filter"])] = _DEFAULT.filter,
+    buildings: Annotated[
+        list[str] | None, typer.Option("--buildings", metavar="PATTERN", help=_HELP["buildings"])
+    ] = None,
     synonyms: SynonymsOption = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the closing table.")] = False,
     json_file: Json = None,
@@ -37,7 +42,7 @@ def replay(
     """
     import torch
 
-    from semloc_core.map_database import load
+    from semloc_core.open_map import open_localiser
     from semloc_core.replay import Answer
     from semloc_core.replay import replay as run_replay
 
@@ -49,6 +54,7 @@ def replay(
         accept_probability=accept_probability,
         rerank=rerank,
         filter=filter_,
+        buildings=tuple(buildings or ()),
     )
     shown_ns: list[int] = []
 
@@ -59,18 +65,24 @@ def replay(
         shown_ns[:] = [shown_ns[0] if shown_ns else stamp, stamp]
         console.print(_line(answer, (stamp - shown_ns[0]) / 1e9))
 
-    loaded = load(map_file)
-    join_synonyms(loaded.model, synonyms)
-    summary = run_replay(run, loaded, config, topic=topic, results=output, on_answer=on_answer)
+    localiser = open_localiser(map_, config)
+    join_synonyms(localiser.map.model, synonyms)
+    try:
+        summary = run_replay(run, localiser, config, topic=topic, results=output, on_answer=on_answer)
+        state = localiser.server()
+    finally:
+        localiser.close()
+    if state is not None and not state.answers:
+        note(state.line)
     report_unknown_classes(dict(summary.unknown_classes), str(run))
     statuses = ", ".join(f"{count} {name}" for name, count in sorted(summary.statuses.items()))
     console.print(f"{summary.updates} updates: {statuses}")
     dropped = {k: v for k, v in sorted(summary.counts.items()) if k != "applied" and v}
     if dropped:
         note("updates not applied: " + ", ".join(f"{count} {name}" for name, count in dropped.items()))
-    if summary.truth_frames - set(loaded.buildings) and not summary.unscored:
+    if summary.truth_frames - set(localiser.buildings) and not summary.unscored:
         frames = ", ".join(sorted(summary.truth_frames))
-        note(f"the ground truth is in frame {frames}; scored as if that were building {loaded.buildings[0]}")
+        note(f"the ground truth is in frame {frames}; scored as if that were building {localiser.buildings[0]}")
     if summary.unscored:
         note(f"{summary.unscored} answers not scored: the ground truth names no building of this map")
     rows = [{**row, "p50_ms": None, "p99_ms": None} for row in summary.rows]
@@ -78,7 +90,7 @@ def replay(
         note("no ground truth in the run: nothing to score")
         rows = [{"method": "latency", "scope": "all", "queries": sum(summary.statuses.values())}]
     rows[-1] |= {"p50_ms": summary.p50_ms, "p99_ms": summary.p99_ms}
-    show("replay", 0, [run, map_file], rows, json_file, title=f"{run} against {map_file}")
+    show("replay", 0, [run, map_], rows, json_file, title=f"{run} against {map_}")
     if output is not None:
         console.print(f"results: {output}")
 
