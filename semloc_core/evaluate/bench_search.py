@@ -1,4 +1,4 @@
-"""Exact search beside faiss's, where it is installed (``semloc[search]``), and an approximate index with its recall."""
+"""Exact search beside faiss's, where it is installed (``semloc[search]``), and approximate search with its recall."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from semloc_core.evaluate.bench_case import BenchCase
 from semloc_core.evaluate.bench_timing import Contender, by_turns
 from semloc_core.evaluate.rows import Progress, Row, no_progress
+from semloc_core.map_database.inverted import InvertedSearch
 from semloc_core.map_database.search import ExactSearch
 
-SIZES = (10_000, 100_000, 1_000_000)
+SIZES = (10_000, 100_000, 1_000_000, 4_000_000)
 K = 10
-LISTS, PROBES = 1024, 16
 QUERIES = 256
 
 
@@ -31,8 +31,8 @@ def bench_search(
         progress: told of every size.
 
     Returns:
-        Rows of semloc's exact search, the same with similarities to all places besides, faiss's exact and its
-        inverted lists, the last with ``recall@10``.
+        Rows of semloc's exact search, the same with similarities to all places besides, faiss's exact, and the
+        approximate search of large maps (`semloc_core.map_database.inverted`), the last with ``recall@10``.
 
     """
     rows: list[Row] = []
@@ -62,29 +62,17 @@ def _one_size(embeddings: NDArray[np.float32], repeats: int, progress: Progress)
     if faiss is not None:
         flat = faiss.IndexFlatIP(embeddings.shape[1])
         flat.add(embeddings)
-        lists = faiss.IndexIVFFlat(
-            faiss.IndexFlatIP(embeddings.shape[1]),
-            embeddings.shape[1],
-            _lists(len(embeddings)),
-            faiss.METRIC_INNER_PRODUCT,
-        )
-        lists.train(embeddings[:: max(1, len(embeddings) // 50_000)])
-        lists.add(embeddings)
-        lists.nprobe = PROBES
-        truth, found = flat.search(queries, K)[1], lists.search(queries, K)[1]
+        lists = InvertedSearch(embeddings)
+        truth, found = flat.search(queries, K)[1], lists.search(queries, K)[0]
         recall = float(np.mean([len(set(a) & set(b)) / K for a, b in zip(truth.tolist(), found.tolist(), strict=True)]))
         contenders += [
             Contender(scope, "faiss, exact", lambda: flat.search(query()[None], K)),
-            Contender(scope, f"faiss, {PROBES} of {lists.nlist} lists", lambda: lists.search(query()[None], K)),
+            Contender(scope, f"semloc, {lists.probes} of {lists.lists} lists", lambda: lists.search(query(), K)),
         ]
     rows = by_turns(contenders, repeats, progress)
     if recall is not None:
         rows[-1]["recall@10"] = recall
     return rows
-
-
-def _lists(rows: int) -> int:
-    return min(LISTS, max(1, rows // 256))
 
 
 def _faiss() -> Any:

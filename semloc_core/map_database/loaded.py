@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sqlite3
 from bisect import bisect_left
 from collections.abc import Collection, Mapping, Sequence
@@ -17,6 +18,7 @@ from semloc_core.building_patterns import matching_buildings
 from semloc_core.encoder.query import QueryEncoder
 from semloc_core.errors import MapError
 from semloc_core.map_database.history import ClassChange, History, unpack_history
+from semloc_core.map_database.inverted import LARGE, InvertedSearch
 from semloc_core.map_database.meta import check_hash, read_meta, read_model
 from semloc_core.map_database.records import (
     PackedGraph,
@@ -34,6 +36,8 @@ from semloc_core.map_database.weights import class_weights
 from semloc_core.model import Model
 from semloc_core.place_graph import Batch
 from semloc_core.scene_graph import SceneGraph
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -115,6 +119,17 @@ class LoadedMap:
         return ExactSearch(self.embeddings)
 
     @cached_property
+    def quick(self) -> ExactSearch | InvertedSearch:
+        """Search for the nearest alone: exact up to a million places, beyond them approximate where faiss is there."""
+        if self.n_places <= LARGE:
+            return self.index
+        try:
+            return InvertedSearch(self.embeddings)
+        except MapError as error:
+            logger.warning("%s: %d places are searched exactly: %s", self.name, self.n_places, error)
+            return self.index
+
+    @cached_property
     def queries(self) -> QueryEncoder:
         """The model's encoder, made ready for one place at a time; a map's model is not trained on."""
         return QueryEncoder(self.model.encoder)
@@ -122,7 +137,7 @@ class LoadedMap:
     def search(
         self, z: ArrayLike, k: int, buildings: Collection[str] | None = None
     ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        """The k most similar places: rows and similarities by falling similarity, ties by rising row.
+        """The k most similar places: rows and similarities by falling similarity, ties by rising row (see `quick`).
 
         Args:
             z: (D,) one query, or (B, D) several.
@@ -137,11 +152,11 @@ class LoadedMap:
 
         """
         if buildings is None:
-            return self.index.search(z, k)
+            return self.quick.search(z, k)
         mask = np.zeros(self.n_places, dtype=np.bool_)
         for building in buildings:
             mask[self.rows_of(building)] = True
-        return self.index.search(z, k, mask)
+        return self.quick.search(z, k, mask)
 
     def rows_of(self, building: str) -> slice:
         """The rows of a building's places."""

@@ -60,15 +60,7 @@ class ExactSearch:
 
         """
         rows, dimension = self.embeddings.shape
-        queries = np.atleast_2d(np.asarray(z, dtype=np.float32))
-        if queries.ndim != 2 or queries.shape[1] != dimension:
-            raise MapError(f"expected queries of shape ({dimension},) or (B, {dimension}) (got {np.shape(z)})")
-        if not np.isfinite(queries).all() or np.abs(queries).max(initial=0.0) > 1e15:
-            raise MapError("expected finite queries (got NaN, infinity or a number above 1e15)")
-        if k < 1:
-            raise MapError(f"expected k of at least 1 (got {k})")
-        if mask is not None and (mask.shape != (rows,) or mask.dtype != np.bool_):
-            raise MapError(f"expected a mask of shape ({rows},) bool (got {mask.shape} {mask.dtype})")
+        queries = check_query(z, dimension, k, mask, rows)
         found = min(k, rows if mask is None else int(np.count_nonzero(mask)))
         indices = np.empty((len(queries), found), dtype=np.int64)
         similarities = np.empty((len(queries), found), dtype=np.float32)
@@ -130,6 +122,20 @@ class ExactSearch:
             exact[some] = (self.embeddings[candidates[some]].astype(np.float64) * query).sum(axis=1)
         order = np.lexsort((candidates, -exact))[:k]
         return candidates[order], exact[order]
+
+
+def check_query(z: ArrayLike, dimension: int, k: int, mask: NDArray[np.bool_] | None, rows: int) -> NDArray[np.float32]:
+    """Queries (B, D) of one (D,) or several; MapError where they, k or the mask do not fit a map of so many rows."""
+    queries = np.atleast_2d(np.asarray(z, dtype=np.float32))
+    if queries.ndim != 2 or queries.shape[1] != dimension:
+        raise MapError(f"expected queries of shape ({dimension},) or (B, {dimension}) (got {np.shape(z)})")
+    if not np.isfinite(queries).all() or np.abs(queries).max(initial=0.0) > 1e15:
+        raise MapError("expected finite queries (got NaN, infinity or a number above 1e15)")
+    if k < 1:
+        raise MapError(f"expected k of at least 1 (got {k})")
+    if mask is not None and (mask.shape != (rows,) or mask.dtype != np.bool_):
+        raise MapError(f"expected a mask of shape ({rows},) bool (got {mask.shape} {mask.dtype})")
+    return queries
 
 
 def _at_most_kth_largest(values: NDArray[np.float32], k: int) -> np.float32:
