@@ -96,7 +96,7 @@ def update(seed: Seed = 0, json_file: Json = None) -> None:
 
 @app.command("search")
 def search(seed: Seed = 0, json_file: Json = None) -> None:
-    """Exact and approximate search of up to four million embeddings of 32 floats, beside faiss where it is installed."""
+    """Exact and approximate search of up to four million embeddings of 32 floats, beside faiss where it is there."""
     _run("bench search", "search", seed, json_file, _search)
 
 
