@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from semloc_core.cli.common import Json, building_name, console, read_graph_or_run, report_unknown_classes, write_json
+from semloc_core.cli.map_places import MapPlace, to_change, to_read
 from semloc_core.errors import MapError
 
 if TYPE_CHECKING:
     from semloc_core.evaluate.rows import Row
-    from semloc_core.map_database import MapDatabase
+    from semloc_core.map_database.protocols import WritableMap
     from semloc_core.map_merge import Merged
     from semloc_core.model import Model
     from semloc_core.scene_graph import SceneGraph
 
 Inputs = Annotated[list[Path], typer.Argument(metavar="GRAPH|RUN...", help="Buildings: graphs or recorded runs.")]
-MapFile = Annotated[Path, typer.Argument(metavar="MAP", help="The map database.")]
 Name = Annotated[
     str | None, typer.Option("--name", help="The building's name (one input only); default: the file's name.")
 ]
@@ -52,7 +52,7 @@ def read_known(path: Path, model: Model) -> SceneGraph:
     return graph
 
 
-def put(database: MapDatabase, model: Model, path: Path, name: str, replace: bool) -> int:
+def put(database: WritableMap, model: Model, path: Path, name: str, replace: bool) -> int:
     """Put a whole building into a map; how many places it has."""
     import numpy as np
 
@@ -69,26 +69,23 @@ def put(database: MapDatabase, model: Model, path: Path, name: str, replace: boo
     return arrays.n_places
 
 
-def add(map_file: MapFile, inputs: Inputs, name: Name = None, place: Places = None) -> None:
+def add(map_place: MapPlace, inputs: Inputs, name: Name = None, place: Places = None) -> None:
     """Add buildings, embedded by the map's own model; with --place single places of a building that the map has."""
-    _change(map_file, inputs, name, place, replace=False)
+    _change(map_place, inputs, name, place, replace=False)
 
 
-def replace(map_file: MapFile, inputs: Inputs, name: Name = None, place: Places = None) -> None:
+def replace(map_place: MapPlace, inputs: Inputs, name: Name = None, place: Places = None) -> None:
     """Replace buildings that the map has by newer graphs or runs of them; with --place single places."""
-    _change(map_file, inputs, name, place, replace=True)
+    _change(map_place, inputs, name, place, replace=True)
 
 
-def _change(map_file: Path, inputs: list[Path], name: str | None, places: list[str] | None, replace: bool) -> None:
-    from semloc_core.map_database import MapDatabase, load
+def _change(map_place: str, inputs: list[Path], name: str | None, places: list[str] | None, replace: bool) -> None:
     from semloc_core.map_merge.edit import store_edited, with_places
 
     done = "replaced" if replace else "added"
     if places and len(inputs) != 1:
         raise MapError(f"expected one input with --place (got {len(inputs)})")
-    model = load(map_file).model
-    with MapDatabase.open(map_file) as database, database.transaction():
-        database.require(model.hash, model.labelspace.hash)
+    with to_change(map_place) as (database, model), database.transaction():
         for path, building in zip(inputs, names_of(inputs, name), strict=True):
             if places:
                 newer = read_known(path, model)
@@ -101,20 +98,17 @@ def _change(map_file: Path, inputs: list[Path], name: str | None, places: list[s
 
 
 def remove(
-    map_file: MapFile,
+    map_place: MapPlace,
     names: Annotated[list[str], typer.Argument(metavar="BUILDING...", help="Names of buildings.")],
     place: Places = None,
 ) -> None:
     """Remove buildings; with --place single places of one."""
-    from semloc_core.map_database import MapDatabase, load
     from semloc_core.map_merge.edit import store_edited, without_places
     from semloc_core.map_merge.store import embed_again, map_weights
 
     if place and len(names) != 1:
         raise MapError(f"expected one building with --place (got {len(names)})")
-    model = load(map_file).model
-    with MapDatabase.open(map_file) as database, database.transaction():
-        database.require(model.hash, model.labelspace.hash)
+    with to_change(map_place) as (database, model), database.transaction():
         before = map_weights(database, model)
         for name in names:
             if place:
@@ -128,7 +122,7 @@ def remove(
 
 
 def merge(
-    map_file: MapFile,
+    map_place: MapPlace,
     traversal: Annotated[
         Path, typer.Argument(metavar="GRAPH|RUN", help="A later traversal, in any frame whose z axis is up.")
     ],
@@ -143,20 +137,20 @@ def merge(
     It is laid on the building by what it saw, and refused where that does not fit. Objects that were confirmed gain
     weight, those not seen where free space was seen lose it, by how often their class moves; places are embedded anew.
     """
-    from semloc_core.map_database import MapDatabase, load
     from semloc_core.map_merge import merge_into, propose
 
-    loaded = load(map_file)
-    graph = read_known(traversal, loaded.model)
     if dry_run:
-        name, merged = propose(loaded, loaded.model, graph, building, source=traversal.name)
+        with to_read(map_place) as (map_, model):
+            graph = read_known(traversal, model)
+            name, merged = propose(map_, model, graph, building, source=traversal.name)
     else:
-        with MapDatabase.open(map_file) as database:
-            name, merged = merge_into(database, loaded.model, graph, building, source=traversal.name)
+        with to_change(map_place) as (database, model):
+            graph = read_known(traversal, model)
+            name, merged = merge_into(database, model, graph, building, source=traversal.name)
     _say(name, merged, "would be " if dry_run else "")
     if json_file is not None:
-        row: Row = {"method": loaded.model.encoder.name, "scope": name, **_figures(merged)}
-        write_json(json_file, "map merge", 0, [map_file, traversal], [row])
+        row: Row = {"method": model.encoder.name, "scope": name, **_figures(merged)}
+        write_json(json_file, "map merge", 0, [map_place, traversal], [row])
 
 
 def _say(name: str, merged: Merged, would: str) -> None:

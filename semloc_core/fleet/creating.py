@@ -5,6 +5,8 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 
 from semloc_core.fleet import layout
+from semloc_core.fleet.address import MilvusAddress
+from semloc_core.fleet.reading import read_change
 from semloc_core.fleet.server import Server
 from semloc_core.model import Model
 
@@ -33,3 +35,23 @@ def make_collections(server: Server, model: Model, index: str) -> None:
         ]
     for each in done:
         each.result()
+
+
+def has_map(server: Server) -> bool:
+    """Whether there is a map of that name: collections without the map's own row are none."""
+    name = server.address.name
+    return layout.catalogue(name) in server.collections() and read_change(server, name) is not None
+
+
+def map_exists(address: MilvusAddress) -> bool:
+    """Whether there is a map at an address.
+
+    Raises:
+        MapUnavailableError: no server answers there.
+
+    """
+    server = Server(address)
+    try:
+        return has_map(server)
+    finally:
+        server.close()

@@ -19,9 +19,9 @@ from semloc_core.errors import MapError
 from semloc_core.fleet import layout
 from semloc_core.fleet.address import MilvusAddress
 from semloc_core.fleet.committing import Draft, commit
-from semloc_core.fleet.creating import make_collections
+from semloc_core.fleet.creating import has_map, make_collections
 from semloc_core.fleet.opened import OpenedMap
-from semloc_core.fleet.reading import no_map, read_change, read_state
+from semloc_core.fleet.reading import no_map, read_state
 from semloc_core.fleet.server import Server
 from semloc_core.fleet.sweeping import GRACE_S, sweep
 from semloc_core.map_database.history import History, pack_history
@@ -76,7 +76,7 @@ class FleetDatabase(OpenedMap):
             raise MapError(f"expected an index of {', '.join(layout.INDEX_KINDS)} (got {index!r})")
         server = Server(address, timeout_s)
         try:
-            if layout.catalogue(address.name) in server.collections() and read_change(server, address.name) is not None:
+            if has_map(server):
                 if not exist_ok:
                     raise MapError(f"expected no map at {address} (got one that is there already)")
                 database = cls(server)
@@ -99,7 +99,7 @@ class FleetDatabase(OpenedMap):
         """
         server = Server(address, timeout_s)
         try:
-            if layout.catalogue(address.name) not in server.collections():
+            if not has_map(server):
                 raise no_map(server, address.name)
             return cls(server)
         except BaseException:

@@ -66,6 +66,11 @@ class OpenedMap:
         return tuple(sorted(names))
 
     @property
+    def digests(self) -> dict[str, str]:
+        """Digests of the buildings that are committed."""
+        return {name: pointer.digest for name, (_, pointer) in self._state.pointers.items()}
+
+    @property
     def model(self) -> Model:
         """The map's model."""
         if self._fresh_model is not None:

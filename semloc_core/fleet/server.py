@@ -273,7 +273,7 @@ class Server:
             return _NotLoadedError(f"expected a loaded collection at {self.address} (got: {_short(message)})")
         if code == _CONNECT_FAILED:
             self.close()
-            return self._unavailable("no server answers")
+            return self._unavailable("no server there")
         if code == _RATE_LIMIT or "timeout" in lowered or "deadline" in lowered:
             self.close()
             return self._unavailable(_short(message))
@@ -282,7 +282,7 @@ class Server:
         return MapError(f"expected {self.address} to do as it is told (got: {_short(message)})")
 
     def _unavailable(self, reason: str) -> MapUnavailableError:
-        return MapUnavailableError(f"expected an answer from {self.address} within {self.timeout_s:g} s (got {reason})")
+        return MapUnavailableError(f"expected an answer from {self.address} within {self.timeout_s:g} s (got none: {reason})")
 
     def _not_let_in(self) -> MapError:
         have = "the token in" if os.environ.get(TOKEN_VARIABLE) else "no token in"

@@ -1,4 +1,4 @@
-"""What a person wants to know of a map file before trusting a robot to it."""
+"""What a person wants to know of a map before trusting a robot to it."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from typing import Any
 
 import msgspec
 
-from semloc_core.map_database.history import move_rates
-from semloc_core.map_database.loaded import read_map
-from semloc_core.map_database.meta import read_meta
+from semloc_core.map_database.history import move_rates, unpack_history
+from semloc_core.map_database.loaded import StoredBuilding, read_map
+from semloc_core.map_database.meta import MapMeta, read_meta
 from semloc_core.map_database.schema import format_version, read
+from semloc_core.model import Model
+from semloc_core.scene_graph import SceneGraph
 
 
 def describe(path: str | Path) -> dict[str, Any]:
@@ -25,31 +27,16 @@ def describe(path: str | Path) -> dict[str, Any]:
     version, meta, loaded = read(
         path, lambda connection: (format_version(connection), read_meta(connection), read_map(connection, path.stem))
     )
-    model = loaded.model
-    buildings = []
-    for stored in loaded.stored:
-        graph, history = loaded.graph(stored.name), loaded.history(stored.name)
-        classes = Counter(item.class_ for item in graph.objects.values())
-        buildings.append(
-            {
-                "name": stored.name,
-                "source": stored.source,
-                "frame_id": stored.frame_id,
-                "stamp_ns": stored.stamp_ns,
-                "places": stored.n_places,
-                "objects": len(graph.objects),
-                "traversals": len(history.traversals),
-                "moved": move_rates([history.classes], history.classes),
-                "classes": dict(sorted(classes.items(), key=lambda item: (-item[1], item[0]))),
-            }
-        )
+    buildings = [describe_building(stored, loaded.graph(stored.name)) for stored in loaded.stored]
+    bytes_ = {"format_version": version, "bytes": path.stat().st_size}
+    return {"name": loaded.name, "hash": loaded.hash, **bytes_, **describe_meta(meta, loaded.model, buildings)}
+
+
+def describe_meta(meta: MapMeta, model: Model, buildings: list[dict[str, Any]]) -> dict[str, Any]:
+    """What a map says of itself, wherever it is kept, and of its buildings."""
     return {
-        "name": loaded.name,
-        "hash": loaded.hash,
-        "format_version": version,
         "generation": meta.generation,
-        "bytes": path.stat().st_size,
-        "places": loaded.n_places,
+        "places": sum(building["places"] for building in buildings),
         "dimension": meta.dimension,
         "model": {
             "name": meta.model_name,
@@ -62,4 +49,21 @@ def describe(path: str | Path) -> dict[str, Any]:
             "classes": len(model.labelspace),
         },
         "buildings": buildings,
+    }
+
+
+def describe_building(stored: StoredBuilding, graph: SceneGraph) -> dict[str, Any]:
+    """What is known of one building."""
+    history = unpack_history(stored.history)
+    classes = Counter(item.class_ for item in graph.objects.values())
+    return {
+        "name": stored.name,
+        "source": stored.source,
+        "frame_id": stored.frame_id,
+        "stamp_ns": stored.stamp_ns,
+        "places": stored.n_places,
+        "objects": len(graph.objects),
+        "traversals": len(history.traversals),
+        "moved": move_rates([history.classes], history.classes),
+        "classes": dict(sorted(classes.items(), key=lambda item: (-item[1], item[0]))),
     }

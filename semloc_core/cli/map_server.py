@@ -1,0 +1,72 @@
+"""``semloc map push``, ``pull`` and ``sweep``: maps on servers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from semloc_core.cli.common import console
+from semloc_core.cli.map_places import Address, Index, Patterns, address_of, fresh, refuse_existing, server_map
+
+
+def push(
+    map_file: Annotated[Path, typer.Argument(metavar="FILE", help="The map file.")],
+    address: Address,
+    buildings: Patterns = None,
+    index: Index = "HNSW",
+) -> None:
+    """Copy the buildings of a map file to a map on a server, which is made where there is none.
+
+    A building that the server has by that name is replaced, the others stay. Both maps must be of one model.
+    """
+    from semloc_core.fleet.database import FleetDatabase
+    from semloc_core.fleet.transfer import push as copy
+    from semloc_core.map_database import load
+
+    loaded = load(map_file)
+    with FleetDatabase.create(address_of(address), loaded.model, exist_ok=True, index=index) as database:
+        written, alike = copy(loaded, database, buildings or ())
+        console.print(
+            f"{address}: {_buildings(written)} written, {alike} were there already; "
+            f"{len(database.buildings)} in all, hash {database.meta.content_hash}"
+        )
+
+
+def pull(
+    address: Address,
+    map_file: Annotated[Path, typer.Argument(metavar="FILE", help="The map file to write.")],
+    buildings: Patterns = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+) -> None:
+    """Copy buildings of a map on a server into a map file: all of them, or those of a site."""
+    from semloc_core.fleet.transfer import pull as copy
+    from semloc_core.map_database import load
+
+    if not force:
+        refuse_existing(str(map_file))
+    with server_map(address) as database, fresh(str(map_file), database.model, "") as file:
+        count = copy(database, file, buildings or ())
+    console.print(f"{map_file}: {_buildings(count)}, hash {load(map_file).hash}")
+
+
+def sweep(
+    address: Address,
+    older_than: Annotated[
+        float,
+        typer.Option(
+            "--older-than",
+            metavar="SECONDS",
+            min=60,
+            help="Leave alone what was written or replaced less than this ago: writers may be at work on it.",
+        ),
+    ] = 3600.0,
+) -> None:
+    """Delete from a server what no building of the map consists of any more; writers that were killed leave some."""
+    with server_map(address) as database:
+        console.print(f"{address}: {database.sweep(older_than)} left-over generations deleted")
+
+
+def _buildings(count: int) -> str:
+    return f"{count} building{'s' if count != 1 else ''}"
