@@ -116,6 +116,17 @@ class ClassShift:
         self._seen: deque[tuple[str, Mix]] = deque(maxlen=WINDOW)
         self._shares: deque[tuple[str, Mix]] = deque(maxlen=WINDOW)
 
+    def follow(self, loaded: LoadedMap) -> None:
+        """Compare with this map from now on: other buildings of the same one, or the same ones as they are by now."""
+        if loaded is self._map:
+            return
+        before = dict(zip(self._map.buildings, self._map.stored, strict=False))
+        now = dict(zip(loaded.buildings, loaded.stored, strict=False))
+        self._references = {
+            name: found for name, found in self._references.items() if now.get(name) == before.get(name, ())
+        }
+        self._map = loaded
+
     def see(self, building: str, classes: Iterable[str]) -> None:
         """Take in an answer.
 
@@ -148,6 +159,8 @@ class ClassShift:
         if len(entries) < FEWEST:
             return None
         building = Counter(name for name, _ in entries).most_common(1)[0][0]
+        if building not in self._map.buildings:
+            return None
         if building not in self._references:
             self._references[building] = _references(self._map, building)
         return self._references[building][which].shift(_sum(mix for _, mix in entries), building)

@@ -50,6 +50,7 @@ class Localiser:
 
     Attributes:
         unknown_classes: names of object classes that the labelspace lacks -> objects seen of them.
+        map_info: what is published of the map; None while a server's map is not known yet.
 
     """
 
@@ -69,7 +70,7 @@ class Localiser:
     def _serve(self, loaded: LoadedMap, filter_model: MapModel | None = None) -> None:
         """Answer from this map from now on; nothing is known of where the robot is in it."""
         self.map, whole = loaded, loaded.part_of
-        self._map_info: MapInfo | None = MapInfo(
+        self.map_info: MapInfo | None = MapInfo(
             name=loaded.name,
             hash=loaded.hash if whole is None else whole.hash,
             places=loaded.n_places if whole is None else whole.n_places,
@@ -211,7 +212,7 @@ class Localiser:
         if query.encoded is None or not self.map.n_places:
             if observed:
                 self._track(query, np.zeros(self.map.n_places, dtype=np.float32))
-            mapped = self._map_info is not None and self._map_info.places
+            mapped = self.map_info is not None and self.map_info.places
             status: Status = "unknown" if self.stream.graph is not None and mapped else "no_graph"
             return Located(query, self._message(query, status), self.map)
         z = query.encoded.embedding[0].numpy()
@@ -338,7 +339,7 @@ class Localiser:
             matches=matches or [],
             raw_matches=raw_matches,
             rivals=rivals or [],
-            map=self._map_info,
+            map=self.map_info,
             model=self._model_info,
             calibrated=calibrated,
             latency_ms=None,

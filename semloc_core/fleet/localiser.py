@@ -68,7 +68,7 @@ class FleetLocaliser(Localiser):
         self._keys: tuple[Key, ...] = ()
         self._before: Tracker | None = None
         super().__init__(_nothing(link.name), config or LocaliserConfig())
-        self._map_info = self._model_info = None
+        self.map_info = self._model_info = None
 
     # -- what differs from a map in memory -----------------------------------------------------------------------
 
@@ -118,7 +118,7 @@ class FleetLocaliser(Localiser):
         if link.failure:
             values |= {"lost for (s)": f"{link.lost_s():.0f}", "asked again in (s)": f"{link.pause_s():.0f}"}
             return ServerState(False, f"no map for {link.lost_s():.0f} s: {link.failure}", values)
-        info = self._map_info
+        info = self.map_info
         whole = f"{info.places} places in {len(self._sizes)} buildings" if info is not None else "not asked yet"
         return ServerState(True, f"map {link.name}: {whole}, answers from {len(loaded.buildings)} of them", values)
 
@@ -152,7 +152,7 @@ class FleetLocaliser(Localiser):
         elif before is None or changes != before.changes:
             self._holdings.forget_weights()
             self._show(self._keys)
-        self._map_info = MapInfo(name=self._link.name, hash=whole.hash, places=whole.n_places)
+        self.map_info = MapInfo(name=self._link.name, hash=whole.hash, places=whole.n_places)
 
     # -- the buildings that matter ---------------------------------------------------------------------------------
 

@@ -32,6 +32,8 @@ Level = Literal["ok", "warn", "error", "stale"]
 WINDOW = 1000
 """Latencies and times kept: the latest."""
 RATE_WINDOW_S = 5.0
+LISTED = 100
+"""Buildings named at most."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,11 @@ class Diagnostics:
         for percent in (50, 90, 99):
             found = f"{np.percentile(latencies, percent):.1f}" if latencies else "none"
             values[f"latency p{percent} (ms)"] = found
-        return [Line("localisation", level, message, values), _map_line(worker), _shift_line(shift, matches)]
+        lines = [Line("localisation", level, message, values), _map_line(worker), _shift_line(shift, matches)]
+        server = worker.localiser.server()
+        if server is not None:
+            lines.append(Line("map server", "ok" if server.answers else "error", server.line, server.values))
+        return lines
 
 
 def _localisation(worker: Worker, last: Answer | None, state: str, stale_after_s: float) -> tuple[Level, str]:
@@ -127,6 +133,8 @@ def _localisation(worker: Worker, last: Answer | None, state: str, stale_after_s
     if last is None:
         return "warn", "updates come, but none of them could be answered"
     matches = last.located.matches
+    if matches.status == "no_graph" and last.located.query.reason:
+        return "error", f"no map: {last.located.query.reason}"
     if matches.status == "no_graph":
         return "error", "no graph: updates were missed, and no full update has come since"
     if matches.status == "unknown" and not matches.matches:
@@ -142,21 +150,26 @@ def _localisation(worker: Worker, last: Answer | None, state: str, stale_after_s
 
 
 def _map_line(worker: Worker) -> Line:
-    loaded, unknown = worker.localiser.map, dict(worker.localiser.unknown_classes)
-    model = loaded.model
+    localiser = worker.localiser
+    loaded, info, unknown = localiser.map, localiser.map_info, dict(localiser.unknown_classes)
+    if info is None:
+        return Line("map", "error", f"map {loaded.name} is not known yet: its server has not answered", {})
+    model, buildings = loaded.model, localiser.buildings
     values = {
-        "map": loaded.name,
-        "map hash": loaded.hash,
-        "places": str(loaded.n_places),
-        "buildings": ", ".join(loaded.buildings),
+        "map": info.name,
+        "map hash": info.hash,
+        "places": str(info.places),
+        "buildings": ", ".join(buildings[:LISTED]) + (", …" if len(buildings) > LISTED else ""),
         "model": model.encoder.name,
         "model hash": model.hash,
         "labelspace": model.labelspace.name,
         "labelspace hash": model.labelspace.hash,
     }
-    if not loaded.n_places:
-        return Line("map", "error", f"map {loaded.name} has no places", values)
-    text = f"map {loaded.name} {loaded.hash[:12]}: {loaded.n_places} places in {len(loaded.buildings)} buildings"
+    if not info.places:
+        return Line("map", "error", f"map {info.name} has no places", values)
+    text = f"map {info.name} {info.hash[:12]}: {info.places} places"
+    text += "" if localiser.config.buildings else f" in {len(buildings)} buildings"
+    text += f", of which {len(buildings)} buildings are asked" if localiser.config.buildings else ""
     if unknown:
         listed = ", ".join(f"{name} ({count})" for name, count in sorted(unknown.items()))
         values["classes that the labelspace lacks"] = listed

@@ -28,8 +28,9 @@ from multiprocessing.connection import Connection
 from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import SemlocError
+from semloc_core.explain.answered import explain_answer
 from semloc_core.explain.pair import answer_query
-from semloc_core.localiser import Localiser, Located, Query
+from semloc_core.localiser import Located, Query
 from semloc_core.map_database import LoadedMap
 
 READY = -1
@@ -65,7 +66,7 @@ def reply_to(question: Question, loaded: LoadedMap) -> Reply:
         message: wire.ClassAttributions | wire.Explanation
         located = Located(question.query, question.matches, loaded, question.best_row)
         if question.request is None:
-            message = Localiser(loaded, question.config).explain(located)
+            message = explain_answer(located, question.config)
         else:
             message = answer_query(located, question.request, question.config.frame_id)
         return Reply(question.number, message, wire.encode(message).decode())

@@ -37,7 +37,8 @@ import msgspec
 from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import SemlocError
-from semloc_core.localiser import Localiser, Located
+from semloc_core.explain.answered import explain_answer
+from semloc_core.localiser import Located
 from semloc_ros.explain_process import READY, Question, Reply
 
 FALLBACK = "attention"
@@ -217,7 +218,7 @@ class Explaining:
 
     def _fall_back(self, job: _Job) -> None:
         config = msgspec.structs.replace(job.config, explainer=FALLBACK)
-        message = Localiser(job.located.map, config).explain(job.located)
+        message = explain_answer(job.located, config)
         self.counts.late += 1
         self._publish(job, message, wire.encode(message).decode())
 

@@ -36,7 +36,7 @@ from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import ConfigError, SemlocError
 from semloc_core.localiser import Localiser
-from semloc_core.map_database import LoadedMap, load
+from semloc_core.open_map import open_localiser
 from semloc_ros import conversions, qos
 from semloc_ros.parameters import READ_ONLY, NodeConfig, declare, read
 from semloc_ros.publishing import Publishing
@@ -45,6 +45,8 @@ from semloc_ros.session import Session
 
 DIAGNOSTICS_PERIOD_S = 1.0
 EXPLAIN_TIMEOUT_S = 120.0
+LISTED = 100
+"""Buildings that are logged at most."""
 
 Transition = Callable[[Any, LifecycleState], None]
 
@@ -103,12 +105,14 @@ class LocaliserNode(LifecycleNode):
     def on_configure(self, state: LifecycleState) -> None:
         """Load the map, make publishers, threads and subscriptions; updates are applied from now on."""
         config, options = read(self, NodeConfig), read(self, LocaliserConfig)
-        localiser = Localiser(self._load(config.map), options)
+        localiser = self._open(config.map, options, wait=True)
         self._session = Session(localiser, config, Publishing(self), self._log_rejected)
         self._make_entities()
         super().on_configure(state)
-        loaded = localiser.map
-        self.get_logger().info(f"map {loaded.name} {loaded.hash[:12]}: {loaded.n_places} places, {loaded.buildings}")
+        if localiser.map_info is None:
+            self.get_logger().warning(f"no map yet: {_told(localiser)}")
+        else:
+            self.get_logger().info(f"{_told(localiser)}, {localiser.buildings[:LISTED]}")
 
     @transition
     def on_activate(self, state: LifecycleState) -> None:
@@ -217,6 +221,7 @@ class LocaliserNode(LifecycleNode):
         state = "active" if session.worker.answering else "inactive"
         try:
             lines, stamp = session.lines(state), self.get_clock().now().to_msg()
+            session.draw_changes(stamp)
         except Exception as error:  # what watches the localiser must not end it
             self.get_logger().error(f"diagnostics failed: {type(error).__name__}: {error}", throttle_duration_sec=60.0)
             return
@@ -249,12 +254,12 @@ class LocaliserNode(LifecycleNode):
             return _refused(response, "expected a configured localiser (got an unconfigured one)")
         try:
             with self._map_lock:
-                loaded = self._load(session.config.map)
-                session.replace(Localiser(loaded, session.worker.localiser.config), self.get_clock().now().to_msg())
+                localiser = self._open(session.config.map, session.worker.localiser.config)
+                session.replace(localiser, self.get_clock().now().to_msg())
         except SemlocError as error:
             self.get_logger().error(f"map not reloaded, the old one serves on: {error}")
             return _refused(response, str(error))
-        response.success, response.message = True, f"map {loaded.name} {loaded.hash[:12]}: {loaded.n_places} places"
+        response.success, response.message = True, _told(localiser)
         return response
 
     # -- parameters --------------------------------------------------------------------------------------------
@@ -264,6 +269,9 @@ class LocaliserNode(LifecycleNode):
         changed = {parameter.name: parameter.value for parameter in parameters}
         try:
             config, options = read(self, NodeConfig, changed), read(self, LocaliserConfig, changed)
+            unused, self._prepared = self._prepared, None
+            if unused is not None:  # what another callback refused
+                unused.close()
             self._prepared = self._prepare(config, options)
         except SemlocError as error:
             return SetParametersResult(successful=False, reason=str(error))
@@ -275,9 +283,9 @@ class LocaliserNode(LifecycleNode):
         if session is None:
             return None
         old = session.worker.localiser
-        if config.map != session.config.map:
-            return Localiser(self._load(config.map), options)
-        return Localiser(old.map, options) if options != old.config else None
+        if config.map != session.config.map or options.buildings != old.config.buildings:
+            return self._open(config.map, options)
+        return old.renewed(options) if options != old.config else None
 
     def _take_parameters(self, _: list[Parameter]) -> None:
         session = self._session
@@ -288,13 +296,20 @@ class LocaliserNode(LifecycleNode):
         if prepared is not None:
             with self._map_lock:
                 session.replace(prepared, self.get_clock().now().to_msg())
-            loaded = prepared.map
-            self.get_logger().info(f"serving map {loaded.name} {loaded.hash[:12]}: {loaded.n_places} places")
+            self.get_logger().info(f"serving {_told(prepared)}")
 
-    def _load(self, path: str) -> LoadedMap:
-        if not path:
+    def _open(self, map_: str, options: LocaliserConfig, wait: bool = False) -> Localiser:
+        if not map_:
             raise ConfigError("expected parameter 'map' to name a map database (got none)")
-        return load(path)
+        return open_localiser(map_, options, wait=wait, patience_s=options.server_timeout_s)
+
+
+def _told(localiser: Localiser) -> str:
+    """Which map it is, in a line."""
+    info, server = localiser.map_info, localiser.server()
+    if info is None:
+        return server.line if server is not None else f"map {localiser.map.name}"
+    return f"map {info.name} {info.hash[:12]}: {info.places} places"
 
 
 def _refused(response: Trigger.Response, line: str) -> Trigger.Response:

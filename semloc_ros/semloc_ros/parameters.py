@@ -32,7 +32,10 @@ LARGEST = 1e300
 class NodeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Options of the node itself; those of the localiser are `LocaliserConfig`'s."""
 
-    map: Annotated[str, Meta(description="path of the map database; setting it swaps the map while the node runs")] = ""
+    map: Annotated[
+        str,
+        Meta(description="map database, a path or milvus+http://host:port/name; setting it swaps maps at run time"),
+    ] = ""
     autostart: Annotated[
         bool, Meta(description="configure and activate by itself, for those who have no lifecycle manager")
     ] = True
@@ -92,6 +95,8 @@ def declare(
     given = defaults or {}
     for option in options(struct):
         value = given.get(option.name, option.default)
+        # Of an empty list ROS can't tell what it is a list of.
+        value = list(value) or [""] if option.type is tuple else value
         node.declare_parameter(option.name, value, descriptor(option, option.name in read_only))
 
 
@@ -110,7 +115,8 @@ def read(node: Node, struct: type[Any], changed: Mapping[str, Any] | None = None
     changed = changed or {}
     names = struct.__struct_fields__
     values = {name: changed[name] if name in changed else node.get_parameter(name).value for name in names}
-    return checked(struct, **values)
+    lists = {option.name for option in options(struct) if option.type is tuple}
+    return checked(struct, **{k: [item for item in v if item] if k in lists else v for k, v in values.items()})
 
 
 LOCALISER_NAMES = frozenset(LocaliserConfig.__struct_fields__)

@@ -130,10 +130,11 @@ class Publishing:
         """Publish the answer to a request."""
         self._explanations.publish(String(data=text))
 
-    def map(self, loaded: LoadedMap, frame_id: str, stamp: Time) -> None:
+    def map(self, loaded: LoadedMap, frame_id: str, stamp: Time, clear: bool = True) -> None:
         """Draw the map, and clear what was drawn of another one."""
         self._map_markers.publish(map_markers(loaded, frame_id, stamp))
-        self._markers.publish(delete_all())
+        if clear:
+            self._markers.publish(delete_all())
 
 
 def surroundings(answer: Answer, graph: SceneGraph | None) -> Surroundings | None:

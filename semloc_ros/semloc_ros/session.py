@@ -26,6 +26,7 @@ from semloc_core import wire
 from semloc_core.class_shift import ClassShift
 from semloc_core.errors import SemlocError
 from semloc_core.localiser import Localiser, Located
+from semloc_core.map_database import LoadedMap
 from semloc_ros.diagnostics import Diagnostics, Line
 from semloc_ros.explaining import Explaining
 from semloc_ros.parameters import NodeConfig
@@ -60,6 +61,7 @@ class Session:
         self._shift = ClassShift(localiser.map)
         self.explaining = Explaining(self._on_attributions, config.explain_deadline_s)
         self.worker = Worker(localiser, self._on_answer, on_rejected)
+        self._drawn: LoadedMap | None = None
 
     def stop(self) -> None:
         """End threads and process; who waits for an answer gets an error."""
@@ -76,9 +78,18 @@ class Session:
         self.config, self.explaining.deadline_s = config, config.explain_deadline_s
 
     def replace(self, localiser: Localiser, stamp: Time) -> None:
-        """Put another localiser, of another map or with other options, in place of this one, between two updates."""
+        """Put another localiser, of another map or with other options, in place of this one, between two updates.
+
+        Raises:
+            SemlocError: this one has been stopped; the other one is closed.
+
+        """
         other_map = localiser.map is not self.worker.localiser.map
-        self.worker.replace(localiser)
+        try:
+            self.worker.replace(localiser)
+        except SemlocError:
+            localiser.close()
+            raise
         if other_map:
             with self._shift_lock:
                 self._shift = ClassShift(localiser.map)
@@ -88,10 +99,16 @@ class Session:
         """Forget the graph."""
         self.worker.reset()
 
-    def draw_map(self, stamp: Time) -> None:
+    def draw_map(self, stamp: Time, clear: bool = True) -> None:
         """Publish the map's markers."""
         localiser = self.worker.localiser
-        self._publishing.map(localiser.map, localiser.config.frame_id, stamp)
+        self._drawn = localiser.map
+        self._publishing.map(self._drawn, localiser.config.frame_id, stamp, clear)
+
+    def draw_changes(self, stamp: Time) -> None:
+        """Publish the map's markers anew, if these are other buildings of a server's map by now."""
+        if self._drawn is not None and self._drawn is not self.worker.localiser.map:
+            self.draw_map(stamp, clear=False)
 
     def ask(self, request: wire.ExplainRequest | None) -> Future[str]:
         """Have a request answered about the graph as it is now; None: the last query, by every explainer."""
@@ -129,6 +146,7 @@ class Session:
             self.explaining.explain(located, localiser.config)
         if located.best_row is not None and self._shift_lock.acquire(blocking=False):
             # Skipped while diagnostics are made: a window can spare an answer, an answer can't wait.
+            self._shift.follow(located.map)
             self._shift.see(located.matches.matches[0].map, filter(None, located.query.class_names))
             self._shift_lock.release()
 

@@ -38,6 +38,8 @@ T = TypeVar("T")
 INBOX = 1000
 """Updates that wait here at most; more wait in the middleware, which holds them back at the publisher."""
 WAIT_S = 0.2
+IDLE_S = 1.0
+"""How often the map is looked after while no update comes."""
 
 logger = logging.getLogger(__name__)
 
@@ -149,6 +151,7 @@ class Worker:
         def swap(old: Localiser) -> None:
             new.take_over(old)
             self._localiser = new
+            old.close()
 
         self.call(swap)
 
@@ -171,6 +174,7 @@ class Worker:
             self._stopped = True
             self._changed.notify_all()
         self._thread.join()
+        self._localiser.close()
         while self._inbox:
             item = self._inbox.popleft()
             if isinstance(item, _Task):
@@ -181,8 +185,8 @@ class Worker:
     def _run(self) -> None:
         while True:
             with self._changed:
-                while not self._inbox and not self._stopped:
-                    self._changed.wait()
+                if not self._inbox and not self._stopped:
+                    self._changed.wait(IDLE_S)
                 if self._stopped:
                     return
                 items = list(self._inbox)
@@ -196,9 +200,10 @@ class Worker:
                 self._forget(self._localiser)
 
     def _forget(self, old: Localiser) -> None:
-        new = Localiser(old.map, old.config)
+        new = old.renewed()
         new.stream.counts, new.unknown_classes = old.stream.counts, old.unknown_classes
         self._localiser = new
+        old.close()
 
     def _work(self, items: list[tuple[int, str] | _Task]) -> None:
         due: tuple[int, SceneGraphUpdate] | None = None
@@ -216,6 +221,8 @@ class Worker:
             explain = self._localiser.due(located)
             self.counts.answered += 1
             self._on_answer(Answer(located, due[1], due[0], explain))
+        else:
+            self._localiser.keep_up()
 
     def _apply(self, text: str) -> SceneGraphUpdate | None:
         """Apply an update; it is returned if there is an answer to it."""
