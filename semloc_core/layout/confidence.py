@@ -103,15 +103,15 @@ def confidence(
     calibration = calibration or shipped_calibration()
     terms = calibration.terms(features(verified, fragment, mapped)[None])[0]
     # Whatever was learnt: of two places that fit equally well neither is likelier than the other.
-    bound = float(masses(verified, mapped, 1.0)[0])
+    share = masses(verified, mapped, 1.0)
     learnt = _logistic(float(terms @ np.array(calibration.right)))
     in_map = max(learnt, _logistic(float(terms @ np.array(calibration.in_map))))
-    right = min(learnt, bound)
+    right = min(learnt, float(share[0]))
     mass = masses(verified, mapped)
-    # No place is believed more than the best one; nor does one elsewhere get what the best one leaves.
-    elsewhere = ~_together(verified, mapped)[0]
-    chance = right * mass / mass[0]
-    chance[elsewhere] = np.minimum(chance[elsewhere], max(in_map - right, 0.0))
+    # No place is believed more than the best one; and all answers elsewhere share what the best one leaves.
+    chance, elsewhere = right * mass / mass[0], ~_together(verified, mapped)[0]
+    others = share[elsewhere] / max(1.0 - float(share[0]), np.finfo(np.float64).tiny)
+    chance[elsewhere] = np.minimum(chance[elsewhere], max(in_map - right, 0.0) * np.minimum(others, 1.0))
     return Confidence(np.round(np.minimum(chance, right), 9), in_map)
 
 
@@ -146,11 +146,16 @@ def masses(verified: Verified, mapped: MappedLayout, sharpness: float = SHARPNES
     """
     weight = np.exp(sharpness * (verified.score - verified.score[0]))
     together = _together(verified, mapped)
-    separate: list[int] = []
-    for place in range(len(weight)):  # best first
-        if not together[place, separate].any():
-            separate.append(place)
-    found: Floats = np.where(together, weight, 0.0).max(axis=1) / weight[separate].sum()
+    found: Floats = np.where(together, weight, 0.0).max(axis=1) / weight[_answers(together)].sum()
+    return found
+
+
+def _answers(together: NDArray[np.bool_]) -> list[int]:
+    """Of places tested, best first, those that are not near a better one."""
+    found: list[int] = []
+    for place in range(len(together)):
+        if not together[place, found].any():
+            found.append(place)
     return found
 
 

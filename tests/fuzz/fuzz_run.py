@@ -17,6 +17,8 @@ import signal
 import sys
 import tempfile
 import time
+import zipfile
+import zlib
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -29,6 +31,11 @@ BYTES_PER_INPUT_BYTE, FLOOR_BYTES = 64, 64 * 2**20
 """What a process may grow by: so much for a byte of its largest input, and what caches take. Beyond: a fault.
 
 A bag may take its record limit besides (`semloc_core.bag.mcap_stream.MAX_RECORD_BYTES`)."""
+
+
+LONGEST_BYTES = 2**20
+UNREADABLE = (ValueError, LookupError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error)
+"""What the mutators of `fuzz_targets` raise where an input is too far from its format."""
 
 
 class HangError(AssertionError):
@@ -92,18 +99,33 @@ def fuzz(
     }
 
 
-def by_coverage(name: str, seconds: float, corpus: Path) -> None:
+def by_coverage(name: str, seconds: float, corpus: Path, seed: int = 0) -> None:
     """Run atheris on a target; it ends the process."""
+    import logging
+
     import atheris  # type: ignore[import-not-found,import-untyped,unused-ignore]
+
+    logging.disable(logging.ERROR)
 
     with atheris.instrument_imports(include=["semloc_core"]):
         from fuzz_targets import TARGETS
     corpus.mkdir(parents=True, exist_ok=True)
     target = TARGETS[name](Path(tempfile.mkdtemp()))
-    for seed in target.seeds:
-        (corpus / hashlib.sha256(seed).hexdigest()[:16]).write_bytes(seed)
+    for each in target.seeds:
+        (corpus / hashlib.sha256(each).hexdigest()[:16]).write_bytes(each)
+
+    def mutate(data: bytes, max_size: int, seed: int) -> bytes:
+        rng = random.Random(seed)
+        if rng.random() < 0.5:
+            try:
+                return bytes(target.mutate(data, rng)[:max_size])
+            except UNREADABLE:  # bytes alone reach what comes before the format is understood
+                pass
+        return bytes(atheris.Mutate(data, max_size))
+
     options = [sys.argv[0], str(corpus), f"-max_total_time={int(seconds)}", f"-timeout={HANG_S}", "-rss_limit_mb=2048"]
-    atheris.Setup([*options, "-max_len=200000", f"-artifact_prefix={corpus.parent}/{name}-"], target)
+    options += [f"-max_len={LONGEST_BYTES}", f"-artifact_prefix={corpus.parent}/{name}-", f"-seed={seed + 1}"]
+    atheris.Setup(options, target, custom_mutator=mutate)
     atheris.Fuzz()
 
 
@@ -117,7 +139,7 @@ def main() -> None:
     parser.add_argument("--engine", choices=("damage", "atheris"), default="damage")
     given = parser.parse_args()
     if given.engine == "atheris":
-        by_coverage(given.targets[0], given.seconds, ROOT / "out" / "fuzz" / "corpus" / given.targets[0])
+        by_coverage(given.targets[0], given.seconds, ROOT / "out" / "fuzz" / "corpus" / given.targets[0], given.seed)
     import logging
 
     import torch
