@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -12,7 +14,7 @@ from semloc_core.place_graph import Batch, repeat
 
 
 def intrinsic_scores(
-    encoder: Encoder, batch: Batch, encoded: Encoded, class_names: tuple[str, ...], target: Tensor
+    encoder: Encoder, batch: Batch, encoded: Encoded, class_names: Sequence[str], target: Tensor
 ) -> ObjectScores:
     """Credit the objects around one query place.
 
@@ -28,7 +30,7 @@ def intrinsic_scores(
         target: (D,) embedding of the map place it is compared to.
 
     """
-    objects = torch.nonzero(batch.is_object).flatten()
+    objects = torch.from_numpy(np.flatnonzero(batch.is_object.numpy()))
     if encoded.credit is not None:
         method, values = "attention", encoded.credit[objects]
         rest = float(encoded.self_share[0]) if encoded.self_share is not None else None
@@ -50,8 +52,8 @@ def intrinsic_scores(
     rows = objects.tolist()
     return ObjectScores(
         method=method,
-        ids=tuple(batch.node_ids[i] for i in rows),
-        classes=tuple(class_names[i] for i in rows),
+        ids=tuple([batch.node_ids[i] for i in rows]),
+        classes=tuple([class_names[i] for i in rows]),
         scores=np.asarray(values.double().numpy(), dtype=np.float64),
         unattributed=rest,
         completeness_gap=gap,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from semloc_core.encoder.base import Encoded, Encoder
-from semloc_core.encoder.query import QueryEncoder
+from semloc_core.encoder.query import FEW, QueryEncoder
 from semloc_core.errors import ModelError
 from semloc_core.explain.intrinsic import intrinsic_scores
 from semloc_core.explain.paper_copies import PaperCopies
@@ -229,24 +229,32 @@ class SimilarityQuery:
         target = _normal(target)
 
         def intrinsic() -> ObjectScores:
+            if encoded is not None:
+                return intrinsic_scores(encoder, batch, encoded, class_names, target)
             with torch.inference_mode():
-                known = encoded if encoded is not None else encoder.encode(batch)
-                return intrinsic_scores(encoder, batch, known, tuple(class_names), target)
+                return intrinsic_scores(encoder, batch, encoder.encode(batch), class_names, target)
 
-        return replace(
-            cls.from_perturbed(PerturbedEncoder(encoder, batch, nodes_at_once, queries), target, class_names),
-            intrinsic=intrinsic,
-            known=float(encoded.embedding[0] @ target) if encoded is not None else None,
-        )
+        known = float(encoded.embedding[0] @ target) if encoded is not None else None
+        perturbed = PerturbedEncoder(encoder, batch, nodes_at_once, queries)
+        return cls.from_perturbed(perturbed, target, class_names, intrinsic, known)
 
     @classmethod
-    def from_perturbed(cls, perturbed: PerturbedEncoder, target: Tensor, class_names: Sequence[str]) -> SimilarityQuery:
+    def from_perturbed(
+        cls,
+        perturbed: PerturbedEncoder,
+        target: Tensor,
+        class_names: Sequence[str],
+        intrinsic: Callable[[], ObjectScores] | None = None,
+        known: float | None = None,
+    ) -> SimilarityQuery:
         """Ask about the scalar product with a target, by what embeds the query's variants.
 
         Args:
             perturbed: several queries may share it, and so its unions.
             target: (D,), any direction: the difference of two map places' embeddings contrasts them.
             class_names: N names; those of places are not read.
+            intrinsic: see the class.
+            known: see the class.
 
         Raises:
             ModelError: a target of another dimension.
@@ -261,14 +269,17 @@ class SimilarityQuery:
                 return perturbed.embed(features, keep) @ target
 
         batch = perturbed.batch
-        rows = torch.nonzero(batch.is_object).flatten()
+        rows = np.flatnonzero(batch.is_object.numpy())
+        numbers = rows.tolist()
         return cls(
-            ids=tuple(batch.node_ids[i] for i in rows.tolist()),
-            classes=tuple(class_names[i] for i in rows.tolist()),
-            rows=rows,
+            ids=tuple([batch.node_ids[i] for i in numbers]),
+            classes=tuple([class_names[i] for i in numbers]),
+            rows=(objects := torch.from_numpy(rows)),
             features=batch.features,
             function=similarity,
-            gradient=lambda features: perturbed.gradient(features, target, rows),
+            gradient=lambda features: perturbed.gradient(features, target, objects),
+            intrinsic=intrinsic,
+            known=known,
         )
 
     @property
@@ -303,19 +314,12 @@ class SimilarityQuery:
         """
         if len(present) == 0:
             return np.zeros(0)
-        packed = np.packbits(present, axis=1)
-        if packed.shape[1] == 0:  # no object: every variant is the query itself
-            packed = np.zeros((len(present), 1), dtype=np.uint8)
-        _, first, back = np.unique(
-            np.ascontiguousarray(packed).view(f"V{packed.shape[1]}")[:, 0],
-            return_index=True,
-            return_inverse=True,
-        )
+        first, back = _distinct_rows(present)
         keep = torch.ones(len(first), self.features.shape[0], dtype=torch.bool)
         keep[:, self.rows] = torch.from_numpy(present[first])
         with torch.no_grad():
             values = self.function(None, keep)
-        found: NDArray[np.float64] = values.detach().double().cpu().numpy()[back.reshape(-1)]
+        found: NDArray[np.float64] = values.detach().double().cpu().numpy()[back]
         return found
 
     def of_features(self, features: Tensor) -> tuple[NDArray[np.float64], Tensor]:
@@ -345,6 +349,19 @@ class SimilarityQuery:
             standard_error=standard_error,
             completeness_gap=completeness_gap,
         )
+
+
+def _distinct_rows(present: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Of (K, O): which rows are one of each (U,), and which of these each row is (K,)."""
+    if len(present) <= FEW:  # looking would cost more than it saves
+        return np.arange(len(present)), np.arange(len(present))
+    packed = np.packbits(present, axis=1)
+    if packed.shape[1] == 0:  # no object: every variant is the query itself
+        packed = np.zeros((len(present), 1), dtype=np.uint8)
+    _, first, back = np.unique(
+        np.ascontiguousarray(packed).view(f"V{packed.shape[1]}")[:, 0], return_index=True, return_inverse=True
+    )
+    return first, back.reshape(-1)
 
 
 def _normal_batch(batch: Batch) -> Batch:
