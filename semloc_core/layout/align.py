@@ -16,17 +16,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from semloc_core.geodesic import ranges
 from semloc_core.graph_arrays import Floats, Ints
+from semloc_core.layout.around import sums
 from semloc_core.layout.fragment import Fragment
 from semloc_core.layout.mapped import MappedLayout
-from semloc_core.layout.vote import same_class
+from semloc_core.layout.seen import expected
+from semloc_core.layout.there import Complex, There, around_rows
 
 ROUNDS = 4
 """Rounds of expectation–maximisation; they settle in two or three."""
-_SEEN_CELL = np.array([0.5, 0.5, 1.0])  # metres
 FAR = 3.0
 """Pairs that are further apart to begin with than so many standard deviations are none."""
 
@@ -68,18 +67,21 @@ def align(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats)
 
     """
     config, t, n = mapped.config, len(rows), len(fragment.classes)
-    invented = mapped.invented[fragment.classes]
-    pairs = _pairs(mapped, fragment, rows, heading)
-    shift, at = np.zeros((t, 2)), pairs.which * n + pairs.seen
+    there = around_rows(mapped, rows)
+    turn, shift = np.exp(1j * heading), np.zeros(t, dtype=np.complex128)
+    pairs = _pairs(mapped, fragment, there, turn)
     anchor = (config.spread_m / config.off_m) ** 2
     for _ in range(ROUNDS):
-        density = pairs.densities(heading, shift, config.spread_m)
-        total = _sums(at, density, t * n) + np.tile(invented, t)
-        heading, shift = _fit(pairs, density / total[at], t, anchor)
-    density = _sums(at, pairs.densities(heading, shift, config.spread_m), t * n).reshape(t, n)
-    missing = config.looked * _expected(mapped, fragment, rows, heading, shift)
+        odds = pairs.odds(turn, shift, config.spread_m)
+        total = pairs.by_seen(odds) + 1.0
+        turn, shift = _fit(pairs, odds / total[pairs.at], anchor)
+    odds = pairs.by_seen(pairs.odds(turn, shift, config.spread_m))[: t * n].reshape(t, n)
     return Aligned(
-        heading, shift, np.log1p(density / invented), missing, _walls(mapped, fragment, rows, heading, shift)
+        np.angle(turn),
+        np.stack([shift.real, shift.imag], axis=1),
+        np.log1p(odds),
+        config.looked * expected(mapped, fragment, there, turn, shift),
+        _walls(mapped, fragment, rows, turn, shift),
     )
 
 
@@ -87,123 +89,102 @@ def align(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats)
 class _Pairs:
     """Pairs of a seen and a mapped object of one class that a pose near its beginning could bring together.
 
+    For each of T poses there is room for K pairs; where it has fewer the rest have no weight.
+
     Args:
-        which: (K,) the pose.
-        seen: (K,) the seen object.
-        here: (K, 2) where it is from the robot, metres.
-        there: (K, 2) where the mapped one is from the map's place, metres.
-        height: (K,) density of a match but for what the plane says of it.
+        terms: (T, 8, K) for a seen object at x and a mapped one at y, complex: x, y and x̄y, each its two parts, 1, and
+            |x|² + |y|². The squared distance at any pose is linear in them, and so are the moments that fit a pose.
+        peak: (T, K) odds of a match but for what the plane says of it, against the object being invented.
+        at: (T, K) numbers of pose and seen object in one, as if all poses' objects were counted through.
+        size: how many of these numbers there are.
 
     """
 
-    which: Ints
-    seen: Ints
-    here: Floats
-    there: Floats
-    height: Floats
+    terms: Floats
+    peak: Floats
+    at: Ints
+    size: int
 
-    def densities(self, heading: Floats, shift: Floats, spread_m: float) -> Floats:
-        """(K,) density of the mapped object at the seen one."""
-        c, s = np.cos(heading)[self.which], np.sin(heading)[self.which]
-        x, y = self.here.T
-        u = c * x - s * y + shift[self.which, 0] - self.there[:, 0]
-        v = s * x + c * y + shift[self.which, 1] - self.there[:, 1]
-        found: Floats = self.height * np.exp((u * u + v * v) * (-0.5 / spread_m**2))
+    def odds(self, turn: Complex, shift: Complex, spread_m: float) -> Floats:
+        """(T, K) odds that the seen object is the mapped one, and not invented."""
+        # |turn · x + shift − y|², multiplied out.
+        factors = np.stack([shift * np.conj(turn), -shift, -turn, 0.5 * np.abs(shift) ** 2 + 0.5j], axis=1)
+        factors *= -1.0 / spread_m**2
+        found: Floats = (factors.view(np.float64)[:, None] @ self.terms)[:, 0]
+        np.exp(found, out=found)
+        found *= self.peak
         return found
 
-
-def _pairs(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats) -> _Pairs:
-    config = mapped.config
-    which, seen, objects = same_class(mapped, fragment.classes, rows)
-    up = fragment.objects[seen, 2] - mapped.object_positions[objects, 2] + mapped.positions[rows[which], 2]
-    close = np.abs(up) <= FAR * config.height_spread_m
-    which, seen, objects, up = which[close], seen[close], objects[close], up[close]
-    here, there = fragment.objects[seen, :2], mapped.object_positions[objects, :2] - mapped.positions[rows[which], :2]
-    height = (
-        np.exp(-0.5 * (up / config.height_spread_m) ** 2) * mapped.detected[objects] / (2 * np.pi * config.spread_m**2)
-    )
-    c, s = np.cos(heading)[which], np.sin(heading)[which]
-    x = c * here[:, 0] - s * here[:, 1] - there[:, 0]
-    y = s * here[:, 0] + c * here[:, 1] - there[:, 1]
-    near = x * x + y * y <= (FAR * (config.off_m + config.spread_m)) ** 2
-    return _Pairs(which[near], seen[near], here[near], there[near], height[near])
+    def by_seen(self, values: Floats) -> Floats:
+        """Sums of (T, K) values by pose and seen object."""
+        return sums(self.at.ravel(), values.ravel(), self.size)
 
 
-def _fit(pairs: _Pairs, share: Floats, t: int, anchor: float) -> tuple[Floats, Floats]:
+def _pairs(mapped: MappedLayout, fragment: Fragment, there: There, turn: Complex) -> _Pairs:
+    config, t, n = mapped.config, len(turn), len(fragment.classes)
+    kind, of_class = mapped.kinds(fragment.classes)
+    kinds = of_class[mapped.object_classes[there.objects]]
+    wanted = np.flatnonzero(kinds >= 0)
+    x, y, up = np.ascontiguousarray(fragment.objects.T)
+    # One product has all squared distances. Kinds lie far apart along a third axis: pairs are of one kind.
+    reach = FAR * (config.off_m + config.spread_m)
+    where = there.seen_from(turn, np.zeros(t, dtype=np.complex128))[wanted]
+    a = np.ones((5, len(wanted)))
+    a[0], a[1], a[2] = where.real, where.imag, kinds[wanted] * (2 * reach)
+    a[3] = (a[:3] ** 2).sum(axis=0)
+    b = np.stack([x, y, kind * (2 * reach)])
+    b = np.vstack([-2 * b, np.ones(n), (b**2).sum(axis=0)])
+    entry, seen = np.divmod(np.flatnonzero(a.T @ b <= reach**2), n)
+    entry = wanted[entry]
+    above = (up[seen] - there.up[entry]) / config.height_spread_m
+    close = np.flatnonzero(np.abs(above) <= FAR)
+    entry, seen, above = entry[close], seen[close], above[close]
+    which = there.which[entry]  # in rising order
+    number = np.bincount(which, minlength=t)
+    k = int(number.max(initial=0)) + 1
+    at = np.arange(len(which)) + (np.arange(t) * k - np.cumsum(number) + number)[which]
+    peak, of = np.zeros(t * k), np.full(t * k, t * n)
+    peak[at] = mapped.odds[there.objects[entry]] * np.exp(-0.5 * above * above)
+    of[at] = which * n + seen
+    here, offset = (x + 1j * y)[seen], there.offset[entry]
+    both = np.conj(here) * offset
+    squares = here.real**2 + here.imag**2 + offset.real**2 + offset.imag**2
+    terms = np.zeros((8, t * k))
+    for row, term in zip(
+        terms, (here.real, here.imag, offset.real, offset.imag, both.real, both.imag, 1.0, squares), strict=True
+    ):
+        row[at] = term
+    shape = (t, k)
+    return _Pairs(terms.reshape(8, t, k).transpose(1, 0, 2), peak.reshape(shape), of.reshape(shape), t * n + 1)
+
+
+def _fit(pairs: _Pairs, share: Floats, anchor: float) -> tuple[Complex, Complex]:
     """Turn and shift that bring seen objects to their shares of mapped ones, in least squares (Umeyama 1991, 2D).
 
     Args:
-        pairs: K pairs.
-        share: (K,) weights.
-        t: number of poses.
+        pairs: of T poses.
+        share: (T, K) weights.
         anchor: weight of the shift being none.
 
     """
-
-    def sums(values: Floats) -> Floats:
-        return _sums(pairs.which, share * values, t)
-
-    total = _sums(pairs.which, share, t) + anchor
-    (x, y), (u, v) = pairs.here.T, pairs.there.T
-    mean_x, mean_y, mean_u, mean_v = (sums(values) / total for values in (x, y, u, v))
-    # Σ w (x − x̄)(u − ū)ᵀ, the anchor (x = u = 0) among them.
-    across = sums(x * v) - sums(y * u) - total * (mean_x * mean_v - mean_y * mean_u)
-    along = sums(x * u) + sums(y * v) - total * (mean_x * mean_u + mean_y * mean_v)
-    heading = np.arctan2(across, along)
-    c, s = np.cos(heading), np.sin(heading)
-    return heading, np.stack([mean_u - c * mean_x + s * mean_y, mean_v - s * mean_x - c * mean_y], axis=1)
+    moments = (pairs.terms[:, :7] @ share[:, :, None])[:, :, 0]
+    x, y, both = np.ascontiguousarray(moments[:, :6]).view(np.complex128).T
+    total = moments[:, 6] + anchor
+    x, y = x / total, y / total
+    # Σ w (x − x̄)(y − ȳ), x conjugated, the anchor (x = y = 0) among them.
+    turn = both - total * np.conj(x) * y
+    size = np.abs(turn)
+    turn = np.divide(turn, size, out=np.ones(len(turn), dtype=np.complex128), where=size > 0)
+    return turn, y - turn * x
 
 
-def _sums(index: Ints, values: Floats, n: int) -> Floats:
-    """(n,) sums of (K,) values by index."""
-    return np.bincount(index, values, n).astype(np.float64)
-
-
-def _walls(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats, shift: Floats) -> Floats:
+def _walls(mapped: MappedLayout, fragment: Fragment, rows: Ints, turn: Complex, shift: Complex) -> Floats:
     """(T,) log-likelihood lost for known places where the map has no room."""
-    c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
-    x, y, z = fragment.places.T
-    origin = mapped.positions[rows]
-    at = np.empty((len(rows), len(fragment.places), 3))
-    at[..., 0] = c * x - s * y + (shift[:, 0] + origin[:, 0])[:, None]
-    at[..., 1] = s * x + c * y + (shift[:, 1] + origin[:, 1])[:, None]
-    at[..., 2] = z + origin[:, 2, None]
-    walls = np.zeros(len(rows))
-    for building in np.unique(mapped.building[rows]).tolist():
-        room, mine = mapped.rooms[building], mapped.building[rows] == building
-        if room is not None:
-            walls[mine] = room.at(at[mine]).sum(axis=1)
-    return walls
-
-
-def _expected(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats, shift: Floats) -> Floats:
-    """(T,) how many of the mapped objects that lie near known places would be detected."""
-    seen, low = _seen(fragment.places, mapped.config.seen_within_m)
-    start, objects = mapped.objects_near
-    size = start[rows + 1] - start[rows]
-    which = np.repeat(np.arange(len(rows)), size)
-    taken = objects[ranges(start[rows], size)]
-    x, y, z = (mapped.object_positions[taken] - mapped.positions[rows[which]]).T
-    c, s = np.cos(heading)[which], np.sin(heading)[which]
-    x, y = x - shift[which, 0], y - shift[which, 1]
-    cells = np.floor((np.stack([c * x + s * y, c * y - s * x, z], axis=1) - low) / _SEEN_CELL).astype(np.int64)
-    inside = ((cells >= 0) & (cells < np.array(seen.shape))).all(axis=1)
-    i, j, k = cells[inside].T
-    return _sums(which[inside], seen[i, j, k] * mapped.detected[taken[inside]], len(rows))
-
-
-def _seen(places: Floats, within_m: float) -> tuple[NDArray[np.bool_], Floats]:
-    """Cells near a known place on its floor, and the corner of the first one."""
-    reach = int(np.ceil(within_m / _SEEN_CELL[0]))
-    if not len(places):
-        return np.zeros((1, 1, 1), dtype=np.bool_), np.zeros(3)
-    margin = np.array([reach, reach, 1])
-    low: Floats = places.min(axis=0) - margin * _SEEN_CELL
-    cells = np.floor((places - low) / _SEEN_CELL).astype(np.int64)
-    seen = np.zeros(cells.max(axis=0) + margin + 1, dtype=np.bool_)
-    for dx in range(-reach, reach + 1):
-        for dy in range(-reach, reach + 1):
-            if np.hypot(dx, dy) * _SEEN_CELL[0] <= within_m:
-                for dz in (-1, 0, 1):
-                    seen[cells[:, 0] + dx, cells[:, 1] + dy, cells[:, 2] + dz] = True
-    return seen, low
+    x, y, z = mapped.positions[rows].T
+    places = np.vstack([fragment.places.T[:2], np.ones(len(fragment.places))])
+    return mapped.rooms.lost(
+        mapped.building[rows],
+        np.stack([turn.real, -turn.imag, x + shift.real], axis=1) @ places,
+        np.stack([turn.imag, turn.real, y + shift.imag], axis=1) @ places,
+        np.add.outer(z, fragment.places[:, 2]),
+    )

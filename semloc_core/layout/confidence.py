@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.graph_arrays import Floats
+from semloc_core.graph_arrays import Floats, Ints
 from semloc_core.layout.fragment import Fragment
 from semloc_core.layout.mapped import MappedLayout
 from semloc_core.layout.verifier import Verified
@@ -74,7 +74,7 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     def terms(self, x: Floats) -> Floats:
         """(N, 1 + F + F (F + 1) / 2) one, the standardised features (N, F), their squares and products."""
         z = np.clip((x - np.array(self.mean)) / np.array(self.deviation), -CLIP, CLIP)
-        i, j = np.triu_indices(z.shape[1])
+        i, j = _products(z.shape[1])
         found: Floats = np.concatenate([np.ones((len(z), 1)), z, z[:, i] * z[:, j]], axis=1)
         return found
 
@@ -101,15 +101,16 @@ def confidence(
 
     """
     calibration = calibration or shipped_calibration()
-    terms = calibration.terms(features(verified, fragment, mapped)[None])[0]
+    answers = _Answers.of(verified, mapped)
+    mass = answers.masses(SHARPNESS)
+    terms = calibration.terms(_features(verified, fragment, mapped, answers.together[0], float(mass[0]))[None])[0]
     # Whatever was learnt: of two places that fit equally well neither is likelier than the other.
-    share = masses(verified, mapped, 1.0)
+    share = answers.masses(1.0)
     learnt = _logistic(float(terms @ np.array(calibration.right)))
     in_map = max(learnt, _logistic(float(terms @ np.array(calibration.in_map))))
     right = min(learnt, float(share[0]))
-    mass = masses(verified, mapped)
     # No place is believed more than the best one; and all answers elsewhere share what the best one leaves.
-    chance, elsewhere = right * mass / mass[0], ~_together(verified, mapped)[0]
+    chance, elsewhere = right * mass / mass[0], ~answers.together[0]
     others = share[elsewhere] / max(1.0 - float(share[0]), np.finfo(np.float64).tiny)
     chance[elsewhere] = np.minimum(chance[elsewhere], max(in_map - right, 0.0) * np.minimum(others, 1.0))
     return Confidence(np.round(np.minimum(chance, right), 9), in_map)
@@ -117,12 +118,18 @@ def confidence(
 
 def features(verified: Verified, fragment: Fragment, mapped: MappedLayout) -> Floats:
     """(F,) the figures of `FEATURES`."""
+    answers = _Answers.of(verified, mapped)
+    return _features(verified, fragment, mapped, answers.together[0], float(answers.masses(SHARPNESS)[0]))
+
+
+def _features(
+    verified: Verified, fragment: Fragment, mapped: MappedLayout, together: NDArray[np.bool_], share: float
+) -> Floats:
     n, best = len(fragment.classes), 0
     config = mapped.config
     perfect = np.log1p(config.detected / (2 * np.pi * config.spread_m**2) / mapped.invented[fragment.classes]).sum()
-    elsewhere = ~_together(verified, mapped)[best]
+    elsewhere = ~together
     rival = verified.score[elsewhere].max() if elsewhere.any() else verified.score.min() - 5.0
-    share = float(masses(verified, mapped)[best])
     score = float(verified.score[best])
     return np.array(
         [
@@ -144,27 +151,48 @@ def masses(verified: Verified, mapped: MappedLayout, sharpness: float = SHARPNES
 
     Belief is shared among answers, not among places: how many places of one answer were tested says nothing.
     """
-    weight = np.exp(sharpness * (verified.score - verified.score[0]))
-    together = _together(verified, mapped)
-    found: Floats = np.where(together, weight, 0.0).max(axis=1) / weight[_answers(together)].sum()
-    return found
+    return _Answers.of(verified, mapped).masses(sharpness)
 
 
-def _answers(together: NDArray[np.bool_]) -> list[int]:
-    """Of places tested, best first, those that are not near a better one."""
-    found: list[int] = []
-    for place in range(len(together)):
-        if not together[place, found].any():
-            found.append(place)
-    return found
+@dataclass(frozen=True, eq=False)
+class _Answers:
+    """Which of T places tested, best first, are one answer.
+
+    Args:
+        score: (T,) of the places.
+        together: (T, T) whether two are within the match radius.
+        separate: the best place of each answer.
+
+    """
+
+    score: Floats
+    together: NDArray[np.bool_]
+    separate: list[int]
+
+    @classmethod
+    def of(cls, verified: Verified, mapped: MappedLayout) -> _Answers:
+        at, of = mapped.positions[verified.rows], mapped.building[verified.rows]
+        x, y, z = (np.subtract.outer(axis, axis) for axis in at.T)
+        together = (np.sqrt(x * x + y * y + z * z) <= MATCH_RADIUS_M) & np.equal.outer(of, of)
+        separate: list[int] = []
+        taken = np.zeros(len(at), dtype=np.bool_)
+        for place in range(len(at)):
+            if not taken[place]:
+                separate.append(place)
+                taken |= together[place]
+        return cls(verified.score, together, separate)
+
+    def masses(self, sharpness: float) -> Floats:
+        """(T,) as of `masses`."""
+        weight = np.exp(sharpness * (self.score - self.score[0]))
+        found: Floats = np.where(self.together, weight, 0.0).max(axis=1) / weight[self.separate].sum()
+        return found
 
 
-def _together(verified: Verified, mapped: MappedLayout) -> NDArray[np.bool_]:
-    """(T, T) which places tested are one answer."""
-    at, of = mapped.positions[verified.rows], mapped.building[verified.rows]
-    off = np.linalg.norm(at[:, None] - at[None], axis=2)
-    found: NDArray[np.bool_] = (off <= MATCH_RADIUS_M) & (of[:, None] == of[None])
-    return found
+@lru_cache(maxsize=1)
+def _products(n: int) -> tuple[Ints, Ints]:
+    i, j = np.triu_indices(n)
+    return i, j
 
 
 def _logistic(x: float) -> float:

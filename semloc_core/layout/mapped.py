@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import accumulate
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semloc_core.graph_arrays import Floats, Ints
+from semloc_core.layout.around import Around
 from semloc_core.layout.config import LayoutConfig
 from semloc_core.layout.part import LayoutPart
+from semloc_core.layout.room import Rooms
+
+Ints32 = NDArray[np.int32]
 
 
 class MappedLayout:
@@ -27,8 +31,9 @@ class MappedLayout:
         object_classes: (K,) of these.
         detected: (K,) probability that each object is there and is detected.
         invented: (C,) objects invented, per m² and class.
+        odds: (K,) a seen object's odds of being this one, exactly where it is mapped, and not invented.
         rooms: the free space of each building.
-        objects_near: (M + 1,) starts and (L,) objects in reach of each place and a little more, by place.
+        around: the objects around each place.
 
     """
 
@@ -38,29 +43,29 @@ class MappedLayout:
             assert building.n_classes == n_classes, (building.n_classes, n_classes)
             assert building.config == config, (building.config, config)
         none = np.zeros((0, 3))
-        self.positions: Floats = np.concatenate([none, *(b.positions for b in parts)])
+        # Column by column: they are read so.
+        self.positions: Floats = np.asfortranarray(np.concatenate([none, *(b.positions for b in parts)]))
         self.building: Ints = np.repeat(np.arange(len(parts)), [len(b) for b in parts]).astype(np.int64)
-        self.object_positions: Floats = np.concatenate([none, *(b.object_positions for b in parts)])
+        self.object_positions: Floats = np.asfortranarray(np.concatenate([none, *(b.object_positions for b in parts)]))
         self.object_classes: Ints = np.concatenate([np.zeros(0, np.int64), *(b.object_classes for b in parts)])
         self.detected: Floats = np.concatenate([np.zeros(0), *(b.detected for b in parts)])
         counts = np.bincount(self.object_classes, minlength=n_classes).astype(np.float64)
         # A class that no map has can be invented too.
         frequency = (counts / max(counts.sum(), 1.0) + 0.1 / n_classes) / 1.1
-        self.rooms = tuple(b.room for b in parts)
-        self.objects_near = _objects_near(parts)
+        self.rooms = Rooms([b.room for b in parts])
+        self.around = Around.joined([b.around for b in parts], [len(b.object_positions) for b in parts])
         self.invented: Floats = config.invented * frequency
+        self.odds: Floats = self.detected / (2 * np.pi * config.spread_m**2) / self.invented[self.object_classes]
 
     @property
     def n_places(self) -> int:
         """M."""
         return len(self.positions)
 
-
-def _objects_near(parts: Sequence[LayoutPart]) -> tuple[Ints, Ints]:
-    sizes, found = [np.zeros(1, np.int64)], [np.zeros(0, np.int64)]
-    first = accumulate((len(b.object_positions) for b in parts), initial=0)
-    for building, before in zip(parts, first, strict=False):
-        start, objects = building.objects_near
-        sizes.append(np.diff(start))
-        found.append(objects + before)
-    return np.cumsum(np.concatenate(sizes)), np.concatenate(found)
+    def kinds(self, classes: Ints) -> tuple[Ints32, Ints32]:
+        """(n,) a small number for each of some classes, and (C,) the same number by class; -1 for all other classes."""
+        of_class = np.full(self.n_classes, -1, dtype=np.int32)
+        of_class[classes] = 0
+        found = np.flatnonzero(of_class == 0)
+        of_class[found] = np.arange(len(found))
+        return of_class[classes], of_class

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from semloc_core.graph_arrays import Floats, GraphArrays, Ints
+from semloc_core.layout.around import Around, around_m
 from semloc_core.layout.coarse import RingCounter, Rings, affordable
 from semloc_core.layout.config import LayoutConfig
 from semloc_core.layout.fragment import thinned
@@ -55,7 +56,7 @@ class LayoutPart:
     def of(cls, graph: GraphArrays, rows: Ints, n_classes: int, weights: Floats | None = None) -> LayoutPart:
         """The same with all made that a map needs of it: none waits for it."""
         part = cls(graph, rows, n_classes, weights)
-        _ = part.objects_near, part.room
+        _ = part.around, part.room
         if affordable(len(part), n_classes):
             _ = part.rings
         return part
@@ -70,10 +71,10 @@ class LayoutPart:
         return room_of(self.places, self.config)
 
     @cached_property
-    def objects_near(self) -> tuple[Ints, Ints]:
-        """(m + 1,) starts and (K,) objects in reach of each place and a little more, by place: `MOST_NEAR` at most."""
+    def around(self) -> Around:
+        """The objects in reach of each place and a little more: `MOST_NEAR` at most."""
         config = self.config
-        reach = config.reach_m + 4 * config.off_m + 2 * config.spread_m
+        reach = around_m(config)
         sizes, found = [np.zeros(1, np.int64)], [np.zeros(0, np.int64)]
         for first, last, i, j, metres in Nearby(
             self.positions, self.object_positions, reach, config.floor_m + 1.5
@@ -81,14 +82,15 @@ class LayoutPart:
             i, j = nearest(i - first, j, metres)
             sizes.append(np.bincount(i, minlength=last - first))
             found.append(j)
-        return np.cumsum(np.concatenate(sizes)), np.concatenate(found)
+        start, objects = np.cumsum(np.concatenate(sizes)), np.concatenate(found)
+        return Around.of(start, objects, self.positions, self.object_positions)
 
     @cached_property
     def rings(self) -> Rings:
         """What is around its places by distance, for a coarse scan."""
         config, n = self.config, len(self)
         counter = RingCounter(n, self.n_classes, config.reach_m)
-        start, objects = self.objects_near
+        start, objects = self.around.start, self.around.objects
         for first in range(0, n, BLOCK_ROWS):
             rows = slice(first, min(first + BLOCK_ROWS, n))
             near = objects[start[rows.start] : start[rows.stop]]

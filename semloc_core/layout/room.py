@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph_arrays import Floats
+from semloc_core.graph_arrays import Floats, Ints
 from semloc_core.layout.config import LayoutConfig
 
 Floats32 = NDArray[np.float32]
@@ -27,27 +28,75 @@ class Room:
     """What it costs to know a place somewhere, cell by cell: nothing in the map's free space, more the further off.
 
     Args:
-        low: (3,) float64, the corner of the first cell, metres.
-        cost: (X, Y, Z) float32, log-likelihood lost.
-        outside: the same beyond all cells.
+        low: (3,) float64, the corner of the first cell but for the rim, metres.
+        cost: (X, Y, Z) float32, log-likelihood lost; beyond all cells it is that of the nearest one.
 
     """
 
     low: Floats
     cost: Floats32
-    outside: float
 
-    def at(self, points: Floats) -> Floats32:
-        """(…,) cost at (…, 3) points, metres."""
-        cells = np.floor((points - self.low) / _CELL).astype(np.int64)
-        shape = np.array(self.cost.shape)
-        inside = ((cells >= 0) & (cells < shape)).all(axis=-1)
-        x, y, z = np.moveaxis(np.where(inside[..., None], cells, 0), -1, 0)
-        found: Floats32 = np.where(inside, self.cost[x, y, z], np.float32(self.outside))
+    @classmethod
+    def none(cls) -> Room:
+        """Room everywhere: nobody knows better."""
+        return cls(np.zeros(3), np.zeros((1, 1, 1), dtype=np.float32))
+
+
+class Rooms:
+    """The free space of several buildings.
+
+    Args:
+        rooms: one a building; None where it can't be laid out.
+
+    """
+
+    def __init__(self, rooms: Sequence[Room | None]) -> None:
+        known = [room or Room.none() for room in rooms]
+        self._low = np.array([room.low for room in known]).reshape(-1, 3)
+        self._shape = np.array([room.cost.shape for room in known], dtype=np.float64).reshape(-1, 3)
+        self._cost: Floats32 = np.concatenate([np.zeros(0, np.float32), *(room.cost.ravel() for room in known)])
+        sizes = [room.cost.size for room in known]
+        self._first = np.cumsum([0, *sizes]).astype(np.float64)
+
+    def lost(self, building: Ints, x: Floats, y: Floats, z: Floats) -> Floats:
+        """(T,) cost of k points in each of T frames.
+
+        Args:
+            building: (T,) of each frame.
+            x, y, z: (T, k) metres.
+
+        """
+        at = np.zeros(x.shape)
+        # Counted in float64, where whole numbers are exact, and in place: there are many points.
+        for axis, points in enumerate((x, y, z)):
+            cells = points - self._low[building, axis, None]
+            cells /= _CELL[axis]
+            place_in(at, cells, self._shape[building, axis, None])
+        at += self._first[building][:, None]
+        found: Floats = self._cost[at.astype(np.int64)].sum(axis=1)
         return found
 
 
+RIM = 2
+"""Cells around all that anything is written to, lest a rounding writes to the last: what lies beyond is like them."""
 _CELL = np.array([ROOM_CELL_M, ROOM_CELL_M, ROOM_LAYER_M])
+
+
+def place_in(at: Floats, cells: Floats, size: Floats | float) -> None:
+    """Go on from the number of a cell along some axes to its number along one more.
+
+    Args:
+        at: whole numbers, changed in place.
+        cells: where the points are along this axis, in cells from behind the rim; overwritten.
+        size: cells along this axis.
+
+    """
+    np.floor(cells, out=cells)
+    cells += RIM
+    np.maximum(cells, 0.0, out=cells)
+    np.minimum(cells, size - 1.0, out=cells)
+    at *= size
+    at += cells
 
 
 def room_of(places: Floats, config: LayoutConfig) -> Room | None:
@@ -55,11 +104,11 @@ def room_of(places: Floats, config: LayoutConfig) -> Room | None:
     outside = config.room_weight * _lost(FAR_M, config)
     margin = np.ceil(FAR_M / _CELL).astype(np.int64)
     low = places.min(axis=0) - margin * _CELL
-    shape = np.floor((places.max(axis=0) - low) / _CELL) + margin + 1
+    shape = np.floor((places.max(axis=0) - low) / _CELL) + margin + 1 + 2 * RIM
     if not np.isfinite(shape).all() or shape.prod() > min(MOST_CELLS, CELLS_ANYWAY + CELLS_PER_PLACE * len(places)):
         return None
     cost = np.full(shape.astype(np.int64), outside, dtype=np.float32)
-    x, y, z = np.floor((places - low) / _CELL).astype(np.int64).T
+    x, y, z = (np.floor((places - low) / _CELL).astype(np.int64) + RIM).T
     steps = [np.arange(-m, m + 1) for m in margin]
     offsets = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
     # A layer up or down may be a hand's breadth: only what lies between two layers is surely apart.
@@ -70,7 +119,7 @@ def room_of(places: Floats, config: LayoutConfig) -> Room | None:
         if metres[i] < FAR_M:
             dx, dy, dz = offsets[i]
             cost[x + dx, y + dy, z + dz] = config.room_weight * _lost(float(metres[i]), config)
-    return Room(low, cost, outside)
+    return Room(low, cost)
 
 
 def _lost(metres: float, config: LayoutConfig) -> float:

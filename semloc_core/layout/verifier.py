@@ -119,7 +119,11 @@ class LayoutVerifier:
         fitted = align(self.mapped, fragment, rows, heading)
         score = np.round(fitted.score, 6)
         order = np.lexsort((rows, -score))
-        order = order[np.sort(np.unique(rows[order], return_index=True)[1])]
+        # A place that was tried with several headings is listed with the best.
+        best: dict[int, int] = {}
+        for i, row in zip(order.tolist(), rows[order].tolist(), strict=True):
+            best.setdefault(row, i)
+        order = np.array(list(best.values()), dtype=np.int64)
         return Verified(
             rows[order],
             score[order],

@@ -6,14 +6,14 @@ Every pair of a seen object and a mapped one of its class votes for the headings
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import dataclass
 
-from semloc_core.geodesic import ranges
+import numpy as np
+
 from semloc_core.graph_arrays import Floats, Ints
+from semloc_core.layout.around import Floats32, around_m, sums
 from semloc_core.layout.fragment import Fragment
 from semloc_core.layout.mapped import MappedLayout
-from semloc_core.layout.room import Floats32
 
 HEADINGS = 24
 """Headings that are tried, evenly around."""
@@ -26,6 +26,10 @@ NEAR = 2.5
 """Pairs whose distances from their places differ by more spreads than this do not vote."""
 VOTERS = 16
 """Seen objects that vote, those of the rarest classes: they have the fewest to be mistaken for."""
+_ROWS = HEADINGS + 2 * BESIDE
+_BLOCK = 64
+_AT_ONCE = 8
+"""So many odds are multiplied before their logarithm is taken: far from what a float holds."""
 
 
 def heading_scores(mapped: MappedLayout, fragment: Fragment, candidates: Ints) -> Floats32:
@@ -37,52 +41,105 @@ def heading_scores(mapped: MappedLayout, fragment: Fragment, candidates: Ints) -
         candidates: (K,) rows of the map.
 
     """
-    config = mapped.config
     voters = np.argsort(mapped.invented[fragment.classes], kind="stable")[:VOTERS]
-    n, invented = len(voters), mapped.invented[fragment.classes[voters]]
-    which, seen, there = same_class(mapped, fragment.classes[voters], candidates)
-    offset = mapped.object_positions[there] - mapped.positions[candidates[which]]
-    here = fragment.objects[voters[seen]]
-    far_here, far_there = np.hypot(here[:, 0], here[:, 1]), np.hypot(offset[:, 0], offset[:, 1])
-    along, up = far_here - far_there, here[:, 2] - offset[:, 2]
-    # The robot stands beside the map's place, not on it.
-    spread2 = config.spread_m**2
-    close = (np.abs(along) <= NEAR * config.spread_m) & (np.abs(up) <= NEAR * config.height_spread_m)
-    which, seen = which[close], seen[close]
-    turn = (np.arctan2(offset[:, 1], offset[:, 0]) - np.arctan2(here[:, 1], here[:, 0]))[close]
-    fixed = along[close] ** 2 / spread2 + up[close] ** 2 / config.height_spread_m**2
-    peak = mapped.detected[there[close]] / (2 * np.pi * spread2) / invented[seen] * np.exp(-0.5 * fixed)
-    scale = 4 * far_here[close] * far_there[close] / spread2
-    key = which * n + seen
-    density = np.zeros(len(candidates) * n * HEADINGS)
+    k, n = len(candidates), len(voters)
+    pairs = _pairs(mapped, fragment, voters, candidates)
     # Far from the robot a heading that is off by a few steps misses.
-    for chosen, around in ((scale >= SHARP, BESIDE), (scale < SHARP, HEADINGS // 2)):
-        nearest = np.rint(turn[chosen] / STEP).astype(np.int64)
-        steps = nearest[:, None] + np.arange(-around, around + (around == BESIDE))
-        across = np.sin((turn[chosen][:, None] - steps * STEP) / 2)
-        votes = peak[chosen][:, None] * np.exp(-0.5 * scale[chosen][:, None] * across * across)
-        at = key[chosen][:, None] * HEADINGS + steps % HEADINGS
-        density += np.bincount(at.ravel(), votes.ravel(), len(density))
-    gained: Floats = np.log1p(density).reshape(len(candidates), n, HEADINGS).sum(axis=1)
-    return gained.astype(np.float32)
+    far = pairs.scale >= np.float32(SHARP)
+    sharp, blunt = np.flatnonzero(far), np.flatnonzero(~far)
+    turn = pairs.turn[sharp]
+    nearest = np.rint(turn * np.float32(1 / STEP))
+    turn -= nearest * np.float32(STEP)
+    first = nearest.astype(np.int64) % HEADINGS
+    at = (_numbers(first, 2 * BESIDE + 1, n * k, pairs.row[sharp]), _numbers(BESIDE, HEADINGS, n * k, pairs.row[blunt]))
+    votes = (pairs.votes(sharp, turn, _BESIDE), pairs.votes(blunt, pairs.turn[blunt], _AROUND))
+    odds = sums(np.concatenate(at), np.concatenate(votes), _ROWS * n * k).reshape(_ROWS, n, k)
+    # Headings before the first and after the last are those at the other end.
+    odds[HEADINGS : HEADINGS + BESIDE] += odds[:BESIDE]
+    odds[BESIDE : 2 * BESIDE] += odds[HEADINGS + BESIDE :]
+    odds = odds[BESIDE : BESIDE + HEADINGS]
+    odds += 1.0
+    # The logarithm of a product is the sum that is wanted, and one logarithm costs as much as many products.
+    gained = np.zeros((HEADINGS, k))
+    for i in range(0, n, _AT_ONCE):
+        gained += np.log(np.multiply.reduce(odds[:, i : i + _AT_ONCE], axis=1))
+    return gained.T.astype(np.float32, order="C")
 
 
-def same_class(mapped: MappedLayout, classes: Ints, candidates: Ints) -> tuple[Ints, Ints, Ints]:
-    """All (candidate's number, seen object, mapped object) of one class, the mapped one near the candidate."""
-    start, objects = mapped.objects_near
-    size = start[candidates + 1] - start[candidates]
-    there = objects[ranges(start[candidates], size)]
-    which = np.repeat(np.arange(len(candidates)), size)
-    order = np.argsort(classes, kind="stable")
-    ordered = classes[order]
-    low = np.searchsorted(ordered, mapped.object_classes[there], side="left")
-    number = np.searchsorted(ordered, mapped.object_classes[there], side="right") - low
-    return np.repeat(which, number), order[ranges(low, number)], np.repeat(there, number)
+def _numbers(first: Ints | int, headings: int, size: int, row: Ints) -> Ints:
+    """(headings · P,) places in a table of headings over rows of ``size``: from a first heading on, at (P,) rows."""
+    return ((first * size + row) + (np.arange(headings) * size)[:, None]).ravel()
 
 
-def best_poses(
-    scores: Floats32, positions: Floats, building: Ints, most: int, apart_m: float
-) -> tuple[Ints, NDArray[np.float64]]:
+def _halves(steps: Ints) -> Floats32:
+    """(S, 2) float32 cosine and negative sine of half of each heading."""
+    return np.stack([np.cos(steps * STEP / 2), -np.sin(steps * STEP / 2)], axis=1).astype(np.float32)
+
+
+_BESIDE, _AROUND = _halves(np.arange(-BESIDE, BESIDE + 1)), _halves(np.arange(HEADINGS))
+
+
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """P pairs of a voter and a mapped object of its class, about as far from the candidate.
+
+    Args:
+        row: (P,) the voter and the candidate in one: voters times K, and the candidate.
+        odds: (P,) float32, the vote for the heading that brings them into one direction, were they as far and as high.
+        less: (P,) float32, logarithm of what is left of it since they are not.
+        turn: (P,) float32 radians, that heading.
+        scale: (P,) float32, how sharply they miss one another where the heading is off.
+
+    """
+
+    row: Ints
+    odds: Floats32
+    less: Floats32
+    turn: Floats32
+    scale: Floats32
+
+    def votes(self, chosen: Ints, turn: Floats32, halves: Floats32) -> Floats32:
+        """(S · p,) float32 votes of p pairs that are off by (p,) turn, for S headings."""
+        half = turn * np.float32(0.5)
+        votes: Floats32 = halves @ np.stack([np.sin(half), np.cos(half)])
+        votes *= votes
+        votes *= self.scale[chosen] * np.float32(-0.5)
+        votes += self.less[chosen]
+        np.exp(votes, out=votes)
+        votes *= self.odds[chosen]
+        return votes.ravel()
+
+
+def _pairs(mapped: MappedLayout, fragment: Fragment, voters: Ints, candidates: Ints) -> _Pairs:
+    config, around = mapped.config, mapped.around
+    x, y, up = fragment.objects[voters].T.astype(np.float32)
+    metres, bearing = np.sqrt(x * x + y * y), np.arctan2(y, x)
+    which, at = around.of_places(candidates)
+    kind, of_class = mapped.kinds(fragment.classes[voters])
+    there = of_class[mapped.object_classes[around.objects[at]]]
+    wanted = np.flatnonzero(there >= 0)
+    which, at, there = which[wanted], at[wanted], there[wanted]
+    # Kinds are laid out along a line, far from one another: then only those of one kind can be about as far.
+    limit = np.float32(NEAR * config.spread_m)
+    apart = np.float32(around_m(config)) + limit + np.float32(1.0)
+    off = np.subtract.outer(kind * apart + metres, there * apart + around.metres[at])
+    np.abs(off, out=off)
+    seen, entry = np.divmod(np.flatnonzero(off <= limit + np.float32(0.01)), len(at))
+    at = at[entry]
+    along, above = metres[seen] - around.metres[at], up[seen] - around.up[at]
+    close = np.flatnonzero((np.abs(along) <= limit) & (np.abs(above) <= np.float32(NEAR * config.height_spread_m)))
+    at, entry, seen = at[close], entry[close], seen[close]
+    along, above = along[close] * np.float32(1 / config.spread_m), above[close] * np.float32(1 / config.height_spread_m)
+    return _Pairs(
+        seen * len(candidates) + which[entry],
+        mapped.odds[around.objects[at]].astype(np.float32),
+        (along * along + above * above) * np.float32(-0.5),
+        around.bearing[at] - bearing[seen],
+        metres[seen] * around.metres[at] * np.float32(4.0 / config.spread_m**2),
+    )
+
+
+def best_poses(scores: Floats32, positions: Floats, building: Ints, most: int, apart_m: float) -> tuple[Ints, Floats]:
     """The best poses, none near a better one.
 
     Args:
@@ -96,21 +153,28 @@ def best_poses(
         (T,) candidates' numbers and (T,) headings in radians, best first.
 
     """
-    peak = scores >= np.maximum(np.roll(scores, 1, axis=1), np.roll(scores, -1, axis=1))
-    place, heading = np.nonzero(peak & (scores > 0))
-    order = np.argsort(-scores[place, heading], kind="stable")[: 8 * most]
-    place, heading = place[order], heading[order]
-    free = np.ones(len(place), dtype=np.bool_)
-    kept: list[int] = []
+    around = np.concatenate([scores[:, -1:], scores, scores[:, :1]], axis=1)
+    peaks = np.flatnonzero((scores >= around[:, :-2]) & (scores >= around[:, 2:]) & (scores > 0))
+    value = scores.ravel()[peaks]
+    if len(peaks) > 8 * most:
+        some = np.flatnonzero(value >= np.partition(value, -8 * most)[-8 * most])
+        peaks, value = peaks[some], value[some]
+    order = np.argsort(-value, kind="stable")[: 8 * most]
+    place, heading = np.divmod(peaks[order], HEADINGS)
     at, of = positions[place], building[place]
-    for i in range(len(place)):
-        if not free[i]:
-            continue
-        kept.append(i)
-        if len(kept) == most:
+    kept: list[int] = []
+    for first in range(0, len(place), _BLOCK):
+        block, with_ = slice(first, first + _BLOCK), [*kept, *range(first, min(first + _BLOCK, len(place)))]
+        same = of[with_][:, None] == of[block]
+        for axis in at.T:
+            same &= np.abs(np.subtract.outer(axis[with_], axis[block])) < apart_m
+        same &= (np.subtract.outer(heading[with_], heading[block]) + 2) % HEADINGS <= 4
+        beaten = same[: len(kept)].any(axis=0)
+        for i, others in enumerate(same[len(kept) :]):
+            if not beaten[i]:
+                kept.append(first + i)
+                beaten |= others
+        if len(kept) >= most:
             break
-        off = np.abs(at[i:] - at[i]).max(axis=1) < apart_m
-        turned = np.abs(heading[i:] - heading[i])
-        free[i:] &= ~(off & (of[i:] == of[i]) & (np.minimum(turned, HEADINGS - turned) <= 2))
-    chosen = np.array(kept, dtype=np.int64)
-    return place[chosen].astype(np.int64), (heading[chosen] * (2 * np.pi / HEADINGS)).astype(np.float64)
+    del kept[most:]
+    return place[kept], heading[kept] * STEP

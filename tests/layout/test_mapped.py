@@ -7,7 +7,7 @@ import pytest
 
 from semloc_core.layout import LayoutConfig, LayoutPart, LayoutVerifier, MappedLayout, fragment_of_arrays, nearby
 from semloc_core.layout.nearby import Nearby
-from semloc_core.layout.room import ROOM_CELL_M, room_of
+from semloc_core.layout.room import FAR_M, ROOM_CELL_M, Rooms, room_of
 
 CONFIG = LayoutConfig()
 
@@ -50,18 +50,45 @@ def test_no_pairs_of_nothing():
 
 def test_room_costs_nothing_where_the_map_has_it_and_most_far_away(homes):
     places = homes[0][0].place_positions
-    room = room_of(places, CONFIG)
-    assert room is not None
-    assert (room.at(places) == 0).all()
-    assert (room.at(places + np.array([1000.0, 0, 0])) == np.float32(room.outside)).all()
+    rooms = Rooms([room_of(places, CONFIG)])
+
+    def cost(points):
+        return rooms.lost(np.zeros(len(points), dtype=np.int64), *(axis[:, None] for axis in points.T))
+
+    assert (cost(places) == 0).all()
+    furthest = cost(places + np.array([1000.0, 0, 0]))
+    assert (furthest == furthest[0]).all()
     rng = np.random.default_rng(0)
     low, high = places.min(axis=0), places.max(axis=0)
     points = np.stack([*rng.uniform(low[:2] - 5, high[:2] + 5, (500, 2)).T, np.full(500, places[0, 2])], axis=1)
     metres = np.linalg.norm(points[:, None, :2] - places[None, :, :2], axis=2).min(axis=1)
-    cost = room.at(points)
+    lost = cost(points)
     # Distances between cells differ from those between points by less than a cell's diagonal.
-    assert (cost[metres < CONFIG.room_within_m - 1.5 * ROOM_CELL_M] == 0).all()
-    assert (cost[metres > CONFIG.room_within_m + 1.5 * ROOM_CELL_M] > 0).all()
+    assert (lost[metres < CONFIG.room_within_m - 1.5 * ROOM_CELL_M] == 0).all()
+    assert (lost[metres > CONFIG.room_within_m + 1.5 * ROOM_CELL_M] > 0).all()
+    assert (lost[metres > FAR_M + 1.5 * ROOM_CELL_M] == furthest[0]).all()
+
+
+def test_what_lies_beyond_the_rim_is_as_far_as_can_be_on_every_side():
+    """A rounding at the lowest place of a building must not write free space to the other side."""
+    for corner in ([-1.83096345, -1.56050512, -1.62744], [0.1, 0.2, 0.3], [0.0, 0.0, 0.0]):
+        places = np.array(corner) + np.array([[0.0, 0, 0], [10.5, 7.9, 2.6]])
+        room = room_of(places, CONFIG)
+        for axis in range(3):
+            for side in (0, -1):
+                assert (np.moveaxis(room.cost, axis, 0)[side] == room.cost.max()).all()
+        assert room.cost.min() == 0
+
+
+def test_several_buildings_have_each_their_own_room(homes):
+    rooms = [room_of(graph.place_positions, CONFIG) for graph in homes[0]]
+    together = Rooms([rooms[0], None, rooms[1]])
+    points = homes[0][1].place_positions
+    x, y, z = (np.broadcast_to(axis, (3, len(points))) for axis in points.T)
+    lost = together.lost(np.array([0, 1, 2]), x, y, z)
+    assert lost[1:].tolist() == [0, 0]
+    alone = Rooms([rooms[0]]).lost(np.zeros(1, dtype=np.int64), x[:1], y[:1], z[:1])
+    assert lost[0] == alone[0]
 
 
 def test_absurd_coordinates_do_not_fill_the_memory():
@@ -82,7 +109,7 @@ def test_ten_thousand_objects_at_one_point_count_as_many_as_a_place_has_at_most(
         sightings=np.zeros((2, 0), dtype=np.int64),
     )
     verifier = LayoutVerifier([crowded], [np.arange(graph.n_places)], len(homes[2]))
-    start, found = verifier.mapped.objects_near
+    start, found = verifier.mapped.around.start, verifier.mapped.around.objects
     assert np.diff(start).max() == nearby.MOST_NEAR
     around = verifier.mapped.object_positions[found[: start[1]]] - at
     metres = np.linalg.norm(verifier.mapped.object_positions[:, :2] - at[:2], axis=1)
@@ -95,7 +122,7 @@ def test_ten_thousand_objects_at_one_point_count_as_many_as_a_place_has_at_most(
 def test_objects_near_a_place_are_found_and_unknown_classes_are_not(homes):
     maps, _, space = homes
     layout = MappedLayout([LayoutPart(g, np.arange(g.n_places), len(space)) for g in maps], len(space), CONFIG)
-    start, found = layout.objects_near
+    start, found = layout.around.start, layout.around.objects
     assert len(start) == layout.n_places + 1
     row = maps[0].n_places + 3  # in the second building
     mine = found[start[row] : start[row + 1]]
