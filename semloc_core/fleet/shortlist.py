@@ -19,7 +19,7 @@ class ShortlistConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     """How much of a large map a robot takes to itself."""
 
     nearest: Annotated[int, Meta(ge=1, le=16_384, description="places asked of the server, the most similar")] = 1600
-    buildings: Annotated[int, Meta(ge=1, le=1000, description="buildings to answer from at most")] = 32
+    buildings: Annotated[int, Meta(ge=1, le=1000, description="buildings to answer from at most")] = 64
     places: Annotated[int, Meta(ge=1, description="places to answer from at most; one building may have more")] = 50_000
     kept_places: Annotated[
         int, Meta(ge=1, description="places of buildings kept in case they are proposed again, at most")
