@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import sys
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -30,6 +30,11 @@ From a building's graph to an explained answer:
 
 Without a graph of your own, `semloc world office -o office.json` makes one.
 """
+
+WRONG, INTERRUPTED = 2, 130
+"""Exit statuses: wrong words or a wrong file, one line said on stderr; stopped by the person."""
+UsageError: type[Exception] = typer.BadParameter.__mro__[1]
+"""click's, or that of typer's own copy of click."""
 
 app = typer.Typer(
     name="semloc", help=HELP, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode="markdown"
@@ -67,21 +72,38 @@ app.add_typer(bench.app, name="bench")
 
 
 def main() -> None:
-    """Run the command line; an error that semloc foresees becomes one line on stderr and exit status 2."""
+    """Run the command line; whatever a person can get wrong becomes one line on stderr and exit status 2."""
+    status = 0
     try:
-        app()
+        status = app(prog_name="semloc", standalone_mode=False) or 0
+    except typer.Abort:
+        status = INTERRUPTED
+    except UsageError as error:
+        _fail(_said(error))
     except SemlocError as error:
         _fail(str(error))
     except OSError as error:
         _fail(f"{error.filename or 'input or output'}: {error.strerror or error}")
     except KeyboardInterrupt:
+        status = INTERRUPTED
+    if status == INTERRUPTED:
         sys.stderr.write("semloc: interrupted\n")
-        sys.exit(130)
+    sys.exit(status)
 
 
-def _fail(message: str) -> None:
+def _said(error: Exception) -> str:
+    """What is wrong with the words of the command, and which command lists the right ones."""
+    text = error.format_message().strip()  # type: ignore[attr-defined]  # of click, which typer has or brings
+    if type(error).__name__ == "NoArgsIsHelpError":  # the help is the answer; typer has printed it
+        sys.exit(WRONG)
+    context = getattr(error, "ctx", None)
+    command = context.command_path if context is not None else "semloc"
+    return f"{text[:1].lower()}{text[1:].rstrip('.')} (see {command} --help)"
+
+
+def _fail(message: str) -> NoReturn:
     if sys.exc_info()[0] is BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(141)
     sys.stderr.write(f"semloc: {' '.join(message.split())}\n")
-    sys.exit(2)
+    sys.exit(WRONG)
