@@ -9,6 +9,7 @@ import numpy as np
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import MapUnavailableError
 from semloc_core.fleet.address import is_address, parse_address
+from semloc_core.fleet.shortlist import ShortlistConfig
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import load
 
@@ -19,7 +20,8 @@ def open_localiser(
     """A localiser in a map.
 
     Args:
-        map_: path of a map file, or ``milvus+http://host:port/name``.
+        map_: path of a map file, or ``milvus+http://host:port/name``. A file of more places than `ShortlistConfig`
+            lets one answer look at is narrowed to a few buildings at every answer, as a map on a server is.
         config: options.
         wait: a server that is not there yet is waited for: until it is, there is no map, and no answer.
         patience_s: how long one answer may fetch buildings from a server, see `FleetLocaliser`.
@@ -31,7 +33,13 @@ def open_localiser(
     """
     config = config or LocaliserConfig()
     if not is_address(map_):
-        return Localiser(load(map_).narrowed(config.buildings), config)
+        loaded = load(map_)
+        asked_for = loaded.narrowed(config.buildings)
+        if asked_for.n_places <= ShortlistConfig().places:
+            return Localiser(asked_for, config)
+        from semloc_core.fleet.large import LargeMapLocaliser
+
+        return LargeMapLocaliser.of(loaded, config)
     address = parse_address(map_)
     from semloc_core.fleet.link import Link
     from semloc_core.fleet.localiser import FleetLocaliser

@@ -1,4 +1,4 @@
-"""The embedded file as a `MapSource`: the same interface without a server."""
+"""The embedded file, or a map in memory, as a `MapSource`: the same interface without a server."""
 
 from __future__ import annotations
 
@@ -18,40 +18,33 @@ from semloc_core.map_database.schema import read
 from semloc_core.model import Model
 
 
-class FileSource:
-    """A map file, queried. It is held in memory, and read again when a writer has changed it.
+class LoadedSource:
+    """A map in memory, queried.
 
     Args:
-        path: the map file.
-
-    Raises:
-        MapError: not a map, or damaged.
+        loaded: the map.
 
     """
 
-    def __init__(self, path: str | Path) -> None:
-        self._path = Path(path)
-        self._map = load(self._path)
-        self._catalogue = _catalogue_of(self._map)
+    def __init__(self, loaded: LoadedMap) -> None:
+        self._map = loaded
+        self._catalogue = _catalogue_of(loaded)
 
     @property
     def name(self) -> str:
-        """The file's stem."""
+        """The map's."""
         return self._map.name
 
     def model(self) -> Model:
-        """The model that the file carries."""
+        """The model that the map carries."""
         return self._map.model
 
     def catalogue(self) -> Catalogue:
-        """The file as it is now."""
-        if read(self._path, lambda connection: read_meta(connection).content_hash) != self._map.hash:
-            self._map = load(self._path)
-            self._catalogue = _catalogue_of(self._map)
+        """What there is; it does not change."""
         return self._catalogue
 
     def nearest(self, z: NDArray[np.float32], k: int, buildings: Collection[str] | None = None) -> Nearest:
-        """By exact search; see `MapSource.nearest`."""
+        """By `LoadedMap.search`; see `MapSource.nearest`."""
         if z.ndim != 1:
             raise MapError(f"expected one query (got shape {z.shape})")
         rows, similarities = self._map.search(z, k, buildings)
@@ -66,6 +59,29 @@ class FileSource:
 
     def close(self) -> None:
         """Nothing is held open."""
+
+
+class FileSource(LoadedSource):
+    """A map file, queried. It is held in memory, and read again when a writer has changed it.
+
+    Args:
+        path: the map file.
+
+    Raises:
+        MapError: not a map, or damaged.
+
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self._path = Path(path)
+        super().__init__(load(self._path))
+
+    def catalogue(self) -> Catalogue:
+        """The file as it is now."""
+        if read(self._path, lambda connection: read_meta(connection).content_hash) != self._map.hash:
+            self._map = load(self._path)
+            self._catalogue = _catalogue_of(self._map)
+        return self._catalogue
 
 
 def _places(map_: LoadedMap, rows: slice) -> PlaceRows:

@@ -93,9 +93,7 @@ class FleetLocaliser(Localiser):
 
     def renewed(self, config: LocaliserConfig | None = None) -> FleetLocaliser:
         """As `Localiser.renewed`: on the same link, with what has been fetched."""
-        return FleetLocaliser(
-            self._link.shared(), config or self.config, self._limits, self._patience_s, self._holdings
-        )
+        return type(self)(self._link.shared(), config or self.config, self._limits, self._patience_s, self._holdings)
 
     def take_over(self, other: Localiser) -> None:
         """As `Localiser.take_over`; a belief is carried over to the places that this map has too."""
@@ -107,7 +105,7 @@ class FleetLocaliser(Localiser):
         with contextlib.suppress(MapError):  # the link remembers it, and `server` tells
             self.refresh()
 
-    def server(self) -> ServerState:
+    def server(self) -> ServerState | None:
         """How the server does."""
         link, loaded = self._link, self.map
         values = {
