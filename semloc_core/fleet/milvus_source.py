@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,7 @@ class MilvusSource:
         self._model: tuple[int, Model] | None = None
         self._parameters: tuple[str, str] | None = None
         self._changes: deque[int] = deque(maxlen=64)  # numbers of changes that the state is known to hold
+        self._strangers: set[int] = set()  # generations with rows that nothing pointed to when they were found
         self._asked = -np.inf
 
     @property
@@ -110,40 +111,46 @@ class MilvusSource:
             if not 1 <= k <= MAX_ROWS:
                 raise MapError(f"expected k of 1 to {MAX_ROWS} (got {k})")
             if buildings is None:
-                return self._everywhere(z, k)
-            chosen = sorted(current(lambda: state, self._look_again, name)[0] for name in set(buildings))
-            found = Hits.none()
-            for start in range(0, len(chosen), _BUILDINGS_AT_ONCE):
-                listed = ", ".join(map(str, chosen[start : start + _BUILDINGS_AT_ONCE]))
-                found = found.joined(self._search(z, k, f"generation in [{listed}]"))
-            return found.of(self._names(), k)[0]
+                return self._everywhere(state, z, k)
+            for name in buildings:
+                if name not in state.pointers:
+                    state = self._look_again()
+                    break
+            chosen = {current(lambda: state, lambda: state, name)[0] for name in buildings}
+            return self._among(state, z, k, sorted(chosen))
 
-    def _everywhere(self, z: NDArray[np.float32], k: int) -> Nearest:
-        """Search without a condition; rows that nothing points to are left out, and made up for by another search."""
-        strangers: set[int] = set()
-        nearest = Nearest((), (), np.zeros(0, dtype=np.float32))
+    def _everywhere(self, state: State, z: NDArray[np.float32], k: int) -> Nearest:
+        """Search without naming all buildings; rows that nothing points to are left out, and made up for."""
         for _ in range(_ROUNDS):
-            listed = ", ".join(map(str, sorted(strangers)))
-            hits = self._search(z, k, f"generation not in [{listed}]" if strangers else "")
-            nearest, unknown = hits.of(self._names(), k)
-            if unknown and not unknown <= strangers:
-                self._look_again()  # generations that were written since, or not yet, or are to be swept
-                nearest, unknown = hits.of(self._names(), k)
+            listed = ", ".join(map(str, sorted(self._strangers)))
+            hits = self._search(state, z, k, f"generation not in [{listed}]" if self._strangers else "")
+            nearest, unknown = hits.of(state.names, k)
             if not unknown:
-                break
-            strangers |= unknown
-        return nearest
+                return nearest
+            state = self._look_again()  # generations that were written since, or not yet, or are to be swept
+            nearest, unknown = hits.of(state.names, k)
+            if not unknown:
+                return nearest
+            self._strangers |= unknown
+        if len(state.pointers) > _BUILDINGS_AT_ONCE:
+            return nearest  # without what a search by naming them would add: too many to name
+        return self._among(state, z, k, sorted(state.names))
 
-    def _search(self, z: NDArray[np.float32], k: int, condition: str) -> Hits:
-        collection = layout.places(self.name, self._now().map_row.dimension)
+    def _among(self, state: State, z: NDArray[np.float32], k: int, chosen: Sequence[int]) -> Nearest:
+        """Search in some generations of a state."""
+        found = Hits.none()
+        for start in range(0, len(chosen), _BUILDINGS_AT_ONCE):
+            listed = ", ".join(map(str, chosen[start : start + _BUILDINGS_AT_ONCE]))
+            found = found.joined(self._search(state, z, k, f"generation in [{listed}]"))
+        return found.of(state.names, k)[0]
+
+    def _search(self, state: State, z: NDArray[np.float32], k: int, condition: str) -> Hits:
+        collection = layout.places(self.name, state.map_row.dimension)
         if self._parameters is None or self._parameters[0] != collection:
             self._parameters = collection, self._server.index_type(collection)
         parameters = search_parameters(self._parameters[1], k)
         rows = self._server.search(collection, z.tolist(), k, condition, ("generation", "id"), parameters)
         return clean_hits(rows)
-
-    def _names(self) -> dict[int, str]:
-        return {generation: name for name, (generation, _) in self._now().pointers.items()}
 
     def _now(self) -> State:
         """The state at hand, read anew where the server says that it has changed."""
@@ -165,5 +172,8 @@ class MilvusSource:
         if self._state is None or state.change != self._state.change:
             self._catalogue = None
             self._changes.append(state.change)
+            current = state.generations()
+            # What is known to be left over is not even searched; the newest, if there is more than can be named.
+            self._strangers = set(sorted(self._strangers - current)[-_BUILDINGS_AT_ONCE:])
         self._state = state
         return state

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -50,9 +51,14 @@ class State:
     pointers: Mapping[str, tuple[int, Pointer]]
     known: Mapping[str, tuple[int, Pointer]]
 
+    @cached_property
+    def names(self) -> dict[int, str]:
+        """Which building each generation is of."""
+        return {generation: name for name, (generation, _) in self.pointers.items()}
+
     def generations(self) -> set[int]:
         """Generations that something points to."""
-        return {self.model_generation, *(generation for generation, _ in self.pointers.values())}
+        return {self.model_generation, *self.names}
 
 
 def read_change(server: Server, name: str) -> int | None:
