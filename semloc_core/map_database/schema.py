@@ -2,12 +2,14 @@
 
 Write-ahead log: a reader never blocks a writer, nor a writer a reader; writers wait for each other. The last
 connection to close leaves one file. A process killed at any moment leaves the last committed state, which the next
-one to open finds. A file where nothing can be written beside it (a read-only folder) is read as it stands.
+one to open finds. A file where nothing can be written beside it (a read-only folder, a full disk) is read as it
+stands.
 """
 
 from __future__ import annotations
 
 import os
+import shutil
 import sqlite3
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -21,6 +23,7 @@ FORMAT_VERSION = 2
 APPLICATION_ID = 0x53454D4C  # "SEML", in the header of every map file
 BUSY_TIMEOUT_S = 30.0
 MAX_BLOB_BYTES = 512 * 2**20  # of any one value: the model, a compressed scene graph
+ROOM_BYTES = 64 * 2**10  # what SQLite puts beside a map to open it at all: an index of the log, the log's beginning
 PAGE_BYTES = 8192  # a place with an embedding of up to some 450 numbers fits into a page
 
 # The canonical text: a file whose schema reads otherwise is not a map (no trigger, view or index may hide in one).
@@ -63,7 +66,7 @@ def _line(path: Path, error: sqlite3.Error) -> str:
     if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
         return f"expected {path} to be free within {BUSY_TIMEOUT_S:g} s (got another writer that holds it)"
     if code == sqlite3.SQLITE_FULL:
-        return f"expected room to write {path} (got a full disk; the map is as it was)"
+        return _no_room(path)
     if code == sqlite3.SQLITE_READONLY:
         return f"expected a map that can be written (got a read-only file or folder: {path})"
     if code == sqlite3.SQLITE_IOERR:
@@ -73,6 +76,16 @@ def _line(path: Path, error: sqlite3.Error) -> str:
     if code == sqlite3.SQLITE_CANTOPEN:
         return f"expected a map file that can be opened (got {path}, or its folder, which can't be)"
     return f"expected a sound map file (got {path}: {error})"
+
+
+def _no_room(path: Path) -> str:
+    return f"expected room to write {path} (got a full disk; the map is as it was)"
+
+
+def _crowded(path: Path) -> bool:
+    """Whether nobody has the map open, and the disk is too full for what would be put beside it to open it."""
+    beside = path.resolve()
+    return not Path(f"{beside}-shm").exists() and shutil.disk_usage(beside.parent).free < ROOM_BYTES
 
 
 def create_file(path: Path, fill: Callable[[sqlite3.Connection], None]) -> None:
@@ -136,6 +149,8 @@ def connect_to_write(path: Path) -> sqlite3.Connection:
     connection = _connect(path)
     try:
         with map_errors(path):
+            if _crowded(path):  # SQLite would say so too, but leave what it had begun
+                raise MapError(_no_room(path))
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = FULL")
             connection.execute("PRAGMA temp_store = MEMORY")
@@ -188,7 +203,11 @@ def _connect_to_read(path: Path) -> tuple[sqlite3.Connection, bool]:
 
     Opened to read and write all the same: a connection opened read-only could not tidy up when it is the last.
     """
+    log = Path(f"{path.resolve()}-wal")
     connection = _connect(path)
+    if not log.exists() and _crowded(path):
+        connection.close()
+        return _connect(path, "&immutable=1"), True
     try:
         connection.execute("PRAGMA query_only = ON")
         connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()
@@ -196,15 +215,14 @@ def _connect_to_read(path: Path) -> tuple[sqlite3.Connection, bool]:
     except sqlite3.OperationalError as error:
         connection.close()
         code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-        if code not in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY):
+        if code not in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL):
             raise MapError(_line(path, error)) from error
     except sqlite3.Error as error:
         connection.close()
         raise MapError(_line(path, error)) from error
-    log = Path(f"{path.resolve()}-wal")
     if log.exists() and log.stat().st_size:
         advice = "open the map once where it can be written"
-        raise MapError(f"expected no unfinished log beside a read-only map (got {log}: {advice})")
+        raise MapError(f"expected no unfinished log beside a map that can only be read (got {log}: {advice})")
     return _connect(path, "&immutable=1"), True
 
 
