@@ -209,6 +209,7 @@ def test_a_model_and_the_state_of_a_training(disk):
         return TrainingState(Progress(step=step), weights, {"state": {}, "param_groups": []}, weights)
 
     path = disk / "office.state"
+    fill(disk, DISK_BYTES)
     save_state(path, state(1), "x")
     fill(disk, 65536)
     with pytest.raises(TrainingError, match="No space") as refused:
