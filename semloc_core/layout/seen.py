@@ -19,6 +19,11 @@ SEEN_CELL_M = np.array([0.5, 0.5, 1.0])
 
 def expected(mapped: MappedLayout, fragment: Fragment, there: There, turn: Complex, shift: Complex) -> Floats:
     """(T,) how many of the mapped objects that lie near known places would be detected."""
+    return sums(there.which, expected_each(mapped, fragment, there, turn, shift), len(turn))
+
+
+def expected_each(mapped: MappedLayout, fragment: Fragment, there: There, turn: Complex, shift: Complex) -> Floats:
+    """(E,) probability of each mapped object around T places to be detected; 0 where it lies near no known place."""
     seen, low = seen_cells(fragment.places, mapped.config.seen_within_m)
     where = there.seen_from(turn, shift)
     at = np.zeros(len(where))
@@ -26,8 +31,8 @@ def expected(mapped: MappedLayout, fragment: Fragment, there: There, turn: Compl
         cells = points - low[axis]
         cells /= SEEN_CELL_M[axis]
         place_in(at, cells, seen.shape[axis])
-    weight = mapped.detected[there.objects] * seen.ravel()[at.astype(np.int64)]
-    return sums(there.which, weight, len(turn))
+    weight: Floats = mapped.detected[there.objects] * seen.ravel()[at.astype(np.int64)]
+    return weight
 
 
 def seen_cells(places: Floats, within_m: float) -> tuple[NDArray[np.bool_], Floats]:
