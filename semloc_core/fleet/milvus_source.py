@@ -5,12 +5,13 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.errors import MapError
+from semloc_core.errors import MapError, MapUnavailableError
 from semloc_core.fleet import layout
 from semloc_core.fleet.address import MilvusAddress
 from semloc_core.fleet.nearest import Hits, clean_hits, search_parameters
@@ -62,11 +63,12 @@ class MilvusSource:
         with self._lock:
             state = self._now()
             if self._model is None or self._model[0] != state.model_generation:
-                try:
-                    model = read_model(self._server, self.name, state)
-                except MissingRowsError:  # swept: another model has taken its place
-                    state = self._look_again()
-                    model = read_model(self._server, self.name, state)
+                with self._doubting():
+                    try:
+                        model = read_model(self._server, self.name, state)
+                    except MissingRowsError:  # swept: another model has taken its place
+                        state = self._look_again()
+                        model = read_model(self._server, self.name, state)
                 self._model = state.model_generation, model
             return self._model[1]
 
@@ -92,12 +94,13 @@ class MilvusSource:
             for last in (False, False, True):
                 generation, pointer = current(self._now, self._look_again, building)
                 dimension = self._now().map_row.dimension
-                try:
-                    stored, places = read_building(self._server, self.name, dimension, generation, pointer)
-                except MissingRowsError:  # swept since its row in the catalogue was read, it may be
-                    if last or self._look_again().pointers.get(building, (generation, pointer))[0] == generation:
-                        raise
-                    continue
+                with self._doubting():
+                    try:
+                        stored, places = read_building(self._server, self.name, dimension, generation, pointer)
+                    except MissingRowsError:  # swept since its row in the catalogue was read, it may be
+                        if last or self._look_again().pointers.get(building, (generation, pointer))[0] == generation:
+                            raise
+                        continue
                 return Fetched(pointer.entry(generation), stored, places)
             raise AssertionError("the last try returns or raises")
 
@@ -165,6 +168,17 @@ class MilvusSource:
         if change != self._state.change and change not in self._changes:
             return self._look_again()
         return self._state
+
+    @contextmanager
+    def _doubting(self) -> Iterator[None]:
+        """Where what is fetched is not what the catalogue says, the catalogue at hand is not believed any longer."""
+        try:
+            yield
+        except MapUnavailableError:
+            raise
+        except MapError:
+            self._state = self._catalogue = None
+            raise
 
     def _look_again(self) -> State:
         state = read_state(self._server, self.name, self._state)

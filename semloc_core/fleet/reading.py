@@ -22,7 +22,7 @@ from semloc_core.fleet.rows import (
     text,
     unpack,
 )
-from semloc_core.fleet.server import MAX_ROWS, Server
+from semloc_core.fleet.server import MAX_ROWS, NoCollectionError, Server
 from semloc_core.map_database.loaded import StoredBuilding
 from semloc_core.map_database.records import MAX_BUILDINGS, PlaceRows
 from semloc_core.model import Model
@@ -63,7 +63,11 @@ class State:
 
 def read_change(server: Server, name: str) -> int | None:
     """The number that the last change left, which may be a few seconds old; None where there is no such map."""
-    rows = server.query(layout.catalogue(name), f'key == "{layout.CHANGE}"', ("key", "generation"), 1, "Bounded")
+    condition = f'key == "{layout.CHANGE}"'
+    try:
+        rows = server.query(layout.catalogue(name), condition, ("key", "generation"), 1, "Bounded")
+    except NoCollectionError:
+        return None
     return integer(rows[0], "generation") if rows else None
 
 
@@ -80,7 +84,10 @@ def read_state(server: Server, name: str, before: State | None = None) -> State:
 
     """
     for _ in range(5):
-        found = _read_state(server, name, before)
+        try:
+            found = _read_state(server, name, before)
+        except NoCollectionError:
+            raise no_map(server, name) from None
         if found is not None:
             return found
     raise MapError(f"expected a catalogue at rest for a moment (got one that keeps changing: {server.address})")

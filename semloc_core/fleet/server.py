@@ -29,6 +29,7 @@ _OPTIONS = {
 }
 _CONNECT_FAILED = 2
 _RATE_LIMIT = 8
+_NO_COLLECTION = 100
 _NOT_LOADED = 101
 
 
@@ -142,7 +143,10 @@ class Server:
         hits = list(found[0]) if len(found) else []
         if len(hits) > k:
             raise MapError(f"expected at most {k} places (got {len(hits)} from {self.address})")
-        return [{**hit["entity"], "distance": hit["distance"]} for hit in hits]
+        try:
+            return [{**hit["entity"], "distance": hit["distance"]} for hit in hits]
+        except (KeyError, TypeError):
+            raise MapError(f"expected places with similarities (got something else from {self.address})") from None
 
     def index_type(self, collection: str) -> str:
         """Which kind of index the embeddings of a collection have; empty where the server does not say."""
@@ -230,7 +234,7 @@ class Server:
             if isinstance(error.code, grpc.StatusCode):
                 raise self._lost(error.code, error) from None
             raise self._refused(error.code, str(error.message)) from None
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             # pymilvus could not read an answer
             raise MapError(
                 f"expected an answer of Milvus from {self.address} (got another: {_short(error)})"
@@ -271,6 +275,8 @@ class Server:
         lowered = message.lower()
         if code == _NOT_LOADED or "not loaded" in lowered:
             return _NotLoadedError(f"expected a loaded collection at {self.address} (got: {_short(message)})")
+        if code == _NO_COLLECTION:
+            return NoCollectionError(f"expected a map at {self.address} (got: {_short(message)})")
         if code == _CONNECT_FAILED:
             self.close()
             return self._unavailable("no server there")
@@ -282,11 +288,17 @@ class Server:
         return MapError(f"expected {self.address} to do as it is told (got: {_short(message)})")
 
     def _unavailable(self, reason: str) -> MapUnavailableError:
-        return MapUnavailableError(f"expected an answer from {self.address} within {self.timeout_s:g} s (got none: {reason})")
+        return MapUnavailableError(
+            f"expected an answer from {self.address} within {self.timeout_s:g} s (got none: {reason})"
+        )
 
     def _not_let_in(self) -> MapError:
         have = "the token in" if os.environ.get(TOKEN_VARIABLE) else "no token in"
         return MapError(f"expected to be let in by {self.address} (got a refusal, with {have} {TOKEN_VARIABLE})")
+
+
+class NoCollectionError(MapError):
+    """There is no such collection on the server."""
 
 
 class _NotLoadedError(MapError):

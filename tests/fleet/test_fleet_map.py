@@ -4,24 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from map_cases import make_building, make_map, make_model
+from fleet_maps import fill
+from map_cases import make_map, make_model
 
 from semloc_core.fleet.address import MilvusAddress
-from semloc_core.fleet.database import FleetDatabase
 from semloc_core.fleet.file_source import FileSource
 from semloc_core.fleet.milvus_source import MilvusSource
 from semloc_core.map_database import load
-
-
-def fill(address: MilvusAddress, order: tuple[str, ...] = ("a", "b")) -> None:
-    """The buildings of `make_map`, in some order, in a map without any."""
-    model = make_model()
-    with FleetDatabase.create(address, model) as database:
-        for name in order:
-            if name == "a":
-                database.add_building("a", *make_building(model, 7, 2))
-            else:
-                database.add_building("b", *make_building(model, 12, 1), source="b.json", frame_id="b_map", stamp_ns=-5)
 
 
 @pytest.mark.parametrize("order", [("a", "b"), ("b", "a")])
