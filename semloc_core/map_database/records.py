@@ -23,6 +23,8 @@ from semloc_core.wire import decode_update, encode
 F = TypeVar("F", np.float32, np.float64)
 
 MAX_GRAPH_BYTES = 512 * 2**20  # of a building's scene graph as JSON
+MOST_PACKED = 32
+"""No graph is packed tighter than so many times (most are eight times), so that no small file unpacks to much."""
 MAX_NAME_LENGTH = 1024
 MAX_BUILDINGS = 100_000
 
@@ -206,11 +208,14 @@ def pack_graph(graph: SceneGraph, frame_id: str) -> PackedGraph:
         decode_update(data, max_bytes=MAX_GRAPH_BYTES)
     except MessageError as error:
         raise MapError(f"expected a scene graph that can be stored (got: {error})") from error
-    return PackedGraph(hashlib.sha256(data).hexdigest(), len(data), zlib.compress(data))
+    compressed = zlib.compress(data)
+    if len(data) > MOST_PACKED * len(compressed):
+        compressed = zlib.compress(data, 0)
+    return PackedGraph(hashlib.sha256(data).hexdigest(), len(data), compressed)
 
 
 def unpack_graph(packed: PackedGraph) -> SceneGraph:
-    """Unpack a stored scene graph; memory is bounded by the size it declares, and that by `MAX_GRAPH_BYTES`.
+    """Unpack a stored scene graph; memory is bounded by the size it declares, and that by `MOST_PACKED`.
 
     Raises:
         MapError: it is not what was stored.
@@ -218,6 +223,9 @@ def unpack_graph(packed: PackedGraph) -> SceneGraph:
     """
     if not 0 < packed.size <= MAX_GRAPH_BYTES:
         raise MapError(f"expected a scene graph of 1 to {MAX_GRAPH_BYTES} bytes (got {packed.size})")
+    least = -(-packed.size // MOST_PACKED)
+    if len(packed.data) < least:
+        raise MapError(f"expected {packed.size} bytes of scene graph in {least} or more (got {len(packed.data)})")
     try:
         stream = zlib.decompressobj()
         data = stream.decompress(packed.data, packed.size)

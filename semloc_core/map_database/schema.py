@@ -42,6 +42,8 @@ TABLES = (*_TABLES_1, HISTORY)
 # Formats that are read as they are, so that a map which can't be written to need not be migrated first.
 READABLE: Mapping[int, tuple[str, ...]] = {1: _TABLES_1, FORMAT_VERSION: TABLES}
 
+SQLITE_ERRORS = (sqlite3.Error, UnicodeError)  # the second: a damaged name in the text of the first
+
 Migration = Callable[[sqlite3.Connection], object]
 # Version v -> what makes a file of version v + 1 of it: runs inside a transaction, must leave `TABLES` of its day.
 # To change the format: raise FORMAT_VERSION and add the step from the version before.
@@ -55,13 +57,15 @@ def map_errors(path: Path) -> Iterator[None]:
     """Turn what SQLite and the file system say into one line of ours."""
     try:
         yield
-    except sqlite3.Error as error:
+    except SQLITE_ERRORS as error:
         raise MapError(_line(path, error)) from error
     except OSError as error:
         raise MapError(f"expected a map file that can be opened (got {error.strerror or error}: {path})") from error
 
 
-def _line(path: Path, error: sqlite3.Error) -> str:
+def _line(path: Path, error: sqlite3.Error | UnicodeError) -> str:
+    if isinstance(error, UnicodeError):
+        return f"expected a whole map file (got a damaged one: {path}: text that is not UTF-8)"
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
         return f"expected {path} to be free within {BUSY_TIMEOUT_S:g} s (got another writer that holds it)"
@@ -217,7 +221,7 @@ def _connect_to_read(path: Path) -> tuple[sqlite3.Connection, bool]:
         code = getattr(error, "sqlite_errorcode", 0) & 0xFF
         if code not in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL):
             raise MapError(_line(path, error)) from error
-    except sqlite3.Error as error:
+    except SQLITE_ERRORS as error:
         connection.close()
         raise MapError(_line(path, error)) from error
     if log.exists() and log.stat().st_size:

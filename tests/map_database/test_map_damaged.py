@@ -9,13 +9,15 @@ from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
-from map_cases import ONE_LINE, make_map, make_model, same
+from map_cases import ONE_LINE, make_building, make_map, make_model, same
 
 from semloc_core.errors import MapError
 from semloc_core.map_database import MapDatabase, describe, load
 from semloc_core.map_database import schema as map_schema
+from semloc_core.map_database.records import PackedGraph, pack_graph, unpack_graph
 from semloc_core.model import Model
 
 
@@ -47,6 +49,7 @@ FORGED: dict[str, Callable[[Path], object]] = {
     "version 0": lambda p: edit(p, "PRAGMA user_version = 0"),
     "another program's": lambda p: edit(p, "PRAGMA application_id = 7"),
     "a trigger": lambda p: edit(p, "CREATE TRIGGER t AFTER INSERT ON place BEGIN DELETE FROM building; END"),
+    "a schema in no encoding": lambda p: p.write_bytes(p.read_bytes().replace(b"TABLE b", b"T\xc5BLE b", 1)),
     "a table more": lambda p: edit(p, "CREATE TABLE more (x)"),
     "a table less": lambda p: edit(p, "DROP TABLE place"),
     "no meta": lambda p: edit(p, "DELETE FROM meta"),
@@ -131,6 +134,18 @@ def test_a_damaged_graph_is_refused_when_it_is_asked_for(path: Path, column: str
     loaded.graph("b")
     with pytest.raises(MapError, match=ONE_LINE):
         loaded.graph("a")
+
+
+def test_no_small_file_unpacks_to_much_and_what_is_stored_is_read(model: Model) -> None:
+    """A graph that zlib would pack a hundred times is stored as it is; one that was packed so is not unpacked."""
+    graph, long = make_building(model, 2)[0], "x" * 60_000
+    graph.objects["o0"] = msgspec.structs.replace(graph.objects["o0"], class_=long)
+    packed = pack_graph(graph, "map")
+    assert len(packed.data) > packed.size > len(long)
+    assert unpack_graph(packed).objects["o0"].class_ == long
+    bomb = PackedGraph(packed.digest, packed.size, zlib.compress(zlib.decompress(packed.data)))
+    with pytest.raises(MapError, match=ONE_LINE):
+        unpack_graph(bomb)
 
 
 def test_a_path_that_is_no_file_gets_one_line(tmp_path: Path, model: Model) -> None:
