@@ -9,6 +9,8 @@ from heapq import heappop, heappush
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core.wire import Position
+
 
 class PlaceIndex:
     """A mirror of a graph's ``neighbours`` that is kept up to date row by row.
@@ -20,20 +22,32 @@ class PlaceIndex:
 
     """
 
-    def __init__(self, neighbours: Mapping[str, Mapping[str, float]]) -> None:
+    def __init__(self, neighbours: Mapping[str, Mapping[str, float]], positions: Mapping[str, Position]) -> None:
         self.slots: dict[str, int] = {}
         self.cells: list[float] = []
         self._rows: list[list[tuple[int, float]]] = []  # slot -> (neighbour's slot, metres)
         self._free: list[int] = []
         self._asked: tuple[str, float, NDArray[np.float64]] | None = None  # the last answer, until something changes
-        self.update(neighbours, neighbours)
+        self._positions: NDArray[np.float64] = np.full((64, 3), np.nan)
+        self.update(neighbours, positions, neighbours)
 
-    def update(self, neighbours: Mapping[str, Mapping[str, float]], touched: Iterable[str]) -> None:
+    @property
+    def positions(self) -> NDArray[np.float64]:
+        """(slots, 3) float64, metres; not a number where a slot has no place. Not to be changed, nor kept."""
+        return self._positions[: len(self._rows)]
+
+    def update(
+        self,
+        neighbours: Mapping[str, Mapping[str, float]],
+        positions: Mapping[str, Position],
+        touched: Iterable[str],
+    ) -> None:
         """Read the rows of these places again.
 
         Args:
             neighbours: the graph as it is now: place -> {neighbouring place: length (m)}.
-            touched: places added or removed, and the ends of edges that came, went or changed their length.
+            positions: place -> where it is, metres.
+            touched: places added, moved or removed, and the ends of edges that came, went or changed their length.
 
         """
         self._asked = None
@@ -50,9 +64,13 @@ class PlaceIndex:
             elif place in slots:
                 slot = slots.pop(place)
                 rows[slot] = []
+                self._positions[slot] = np.nan
                 self._free.append(slot)
+        while len(self._positions) < len(rows):
+            self._positions = np.concatenate([self._positions, np.full_like(self._positions, np.nan)])
         for place in present:
             near = neighbours[place]
+            self._positions[slots[place]] = positions[place]
             rows[slots[place]] = [(slots[other], length) for other, length in near.items()]
             side = min(near.values(), default=0.0)
             self.cells[slots[place]] = side * side

@@ -95,14 +95,14 @@ class SceneGraph:
         self.query_place = update.query_place
         self.version += 1
         if self._index is not None:
-            self._index.update(self.neighbours, change.places.union(*change.edges))
+            self._index.update(self.neighbours, self.places, change.places.union(*change.edges))
         return change
 
     @property
     def index(self) -> PlaceIndex:
         """The traversability graph laid out for fast search; made when first asked for, then kept up to date."""
         if self._index is None:
-            self._index = PlaceIndex(self.neighbours)
+            self._index = PlaceIndex(self.neighbours, self.places)
         return self._index
 
     def to_update(self, seq: int, stamp_ns: int, frame_id: str, query_place: str | None = None) -> SceneGraphUpdate:

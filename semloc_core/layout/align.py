@@ -123,7 +123,7 @@ class _Pairs:
 def _pairs(mapped: MappedLayout, fragment: Fragment, there: There, turn: Complex) -> _Pairs:
     config, t, n = mapped.config, len(turn), len(fragment.classes)
     kind, of_class = mapped.kinds(fragment.classes)
-    kinds = of_class[mapped.object_classes[there.objects]]
+    kinds = of_class[there.classes]
     wanted = np.flatnonzero(kinds >= 0)
     x, y, up = np.ascontiguousarray(fragment.objects.T)
     # One product has all squared distances. Kinds lie far apart along a third axis: pairs are of one kind.
@@ -180,11 +180,7 @@ def _fit(pairs: _Pairs, share: Floats, anchor: float) -> tuple[Complex, Complex]
 
 def _walls(mapped: MappedLayout, fragment: Fragment, rows: Ints, turn: Complex, shift: Complex) -> Floats:
     """(T,) log-likelihood lost for known places where the map has no room."""
-    x, y, z = mapped.positions[rows].T
-    places = np.vstack([fragment.places.T[:2], np.ones(len(fragment.places))])
-    return mapped.rooms.lost(
-        mapped.building[rows],
-        np.stack([turn.real, -turn.imag, x + shift.real], axis=1) @ places,
-        np.stack([turn.imag, turn.real, y + shift.imag], axis=1) @ places,
-        np.add.outer(z, fragment.places[:, 2]),
-    )
+    origin = mapped.positions[rows]
+    origin[:, 0] += shift.real
+    origin[:, 1] += shift.imag
+    return mapped.rooms.lost(mapped.building[rows], turn, origin, fragment.places)

@@ -17,11 +17,12 @@ Floats32 = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Around:
-    """Objects in reach of M places, by place: 16 bytes for each.
+    """Objects in reach of M places, by place: 20 bytes for each.
 
     Args:
         start: (M + 1,) where each place's objects begin.
         objects: (L,) int32, numbers of objects.
+        classes: (L,) int32, their classes.
         metres: (L,) float32, how far each is in the plane.
         bearing: (L,) float32, radians: in which direction.
         up: (L,) float32, metres above the place.
@@ -30,15 +31,23 @@ class Around:
 
     start: Ints
     objects: NDArray[np.int32]
+    classes: NDArray[np.int32]
     metres: Floats32
     bearing: Floats32
     up: Floats32
 
     @classmethod
-    def of(cls, start: Ints, objects: Ints, places: Floats, positions: Floats) -> Around:
-        """What (L,) objects by place are to (M, 3) places, given the (K, 3) positions of all objects, metres."""
+    def of(cls, start: Ints, objects: Ints, places: Floats, positions: Floats, classes: Ints) -> Around:
+        """What (L,) objects by place are to (M, 3) places; positions (K, 3), metres, and classes are of all objects."""
         x, y, up = (positions[objects] - places[np.repeat(np.arange(len(places)), np.diff(start))]).T.astype(np.float32)
-        return cls(start, objects.astype(np.int32), np.sqrt(x * x + y * y), np.arctan2(y, x), up)
+        return cls(
+            start,
+            objects.astype(np.int32),
+            classes[objects].astype(np.int32),
+            np.sqrt(x * x + y * y),
+            np.arctan2(y, x),
+            up,
+        )
 
     @classmethod
     def joined(cls, parts: Sequence[Around], objects: Sequence[int]) -> Around:
@@ -49,6 +58,7 @@ class Around:
         return cls(
             np.cumsum(np.concatenate(sizes)),
             np.concatenate([np.zeros(0, np.int32), *numbers]),
+            np.concatenate([np.zeros(0, np.int32), *(part.classes for part in parts)]),
             *(
                 np.concatenate([np.zeros(0, np.float32), *(getattr(part, name) for part in parts)])
                 for name in ("metres", "bearing", "up")

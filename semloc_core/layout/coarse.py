@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.graph_arrays import Floats, Ints
+from semloc_core.layout.around import sums
 from semloc_core.layout.fragment import Fragment
 from semloc_core.observation import ObservationConfig
 
@@ -63,7 +64,8 @@ class RingCounter:
     def __init__(self, n_places: int, n_classes: int, reach_m: float) -> None:
         self._objects = np.zeros((n_classes, len(RING_CENTRES_M), n_places), dtype=np.float32)
         self._places = np.zeros((len(RING_CENTRES_M), n_places), dtype=np.float32)
-        self._shares = _shares(STEP_M * (np.arange(round(reach_m / STEP_M) + 1, dtype=np.float64) + 0.5))
+        shares = _shares(STEP_M * (np.arange(round(reach_m / STEP_M) + 1, dtype=np.float64) + 0.5))
+        self._shares = np.ascontiguousarray(shares.T)
 
     def count_objects(self, rows: slice, of: Ints, metres: Floats, classes: Ints, weight: Floats) -> None:
         """Add K objects: the row each is near (of those given, from 0), how far, its class, whether it is there."""
@@ -115,13 +117,14 @@ class CoarseScan:
     def log_likelihood(self, fragment: Fragment) -> NDArray[np.float32]:
         """(M,) of each place of the map, up to a constant."""
         rings = len(RING_CENTRES_M)
-        seen = np.zeros((len(self._invented), rings), dtype=np.float32)
-        np.add.at(seen, fragment.classes, _shares(_metres(fragment.objects)))
+        of = (fragment.classes * rings + np.arange(rings)[:, None]).ravel()
+        shares = _shares(_metres(fragment.objects)).ravel()
+        seen = sums(of, shares, len(self._rate)).astype(np.float32)
         at = np.flatnonzero(seen > _FAINT)
         rate = self._rate[at]
         rate += self._invented[at // rings][:, None]
-        known = _shares(_metres(fragment.places)).sum(axis=0)
-        found: NDArray[np.float32] = seen.ravel()[at] @ np.log(rate, out=rate)
+        known = _shares(_metres(fragment.places)).sum(axis=1)
+        found: NDArray[np.float32] = seen[at] @ np.log(rate, out=rate)
         found -= known @ self._total
         for e, room in zip(known, self._room, strict=True):
             found -= np.float32(_CONFIG.shape) * np.maximum(e - room, np.float32(0.0))
@@ -143,8 +146,10 @@ def _metres(offsets: Floats) -> Floats:
 
 
 def _shares(metres: Floats) -> NDArray[np.float32]:
-    """(K, R) float32 shares of K distances (m) in the rings; rows sum to 1."""
-    log = -0.5 * ((metres[:, None] - RING_CENTRES_M) / RING_WIDTHS_M) ** 2
-    weight = np.exp(log - log.max(axis=1, keepdims=True, initial=-np.inf))
-    found: NDArray[np.float32] = (weight / weight.sum(axis=1, keepdims=True)).astype(np.float32)
+    """(R, K) float32 shares of K distances (m) in the rings; those of each distance sum to 1."""
+    weight = -0.5 * ((metres - RING_CENTRES_M[:, None]) / RING_WIDTHS_M[:, None]) ** 2
+    weight -= weight.max(axis=0)
+    np.exp(weight, out=weight)
+    weight /= weight.sum(axis=0)
+    found: NDArray[np.float32] = weight.astype(np.float32)
     return found

@@ -57,7 +57,7 @@ def evidence(mapped: MappedLayout, fragment: Fragment, verified: Verified, row: 
     there = around_rows(mapped, verified.rows[i : i + 1])
     turn, shift = np.exp(1j * verified.heading[i : i + 1]), verified.shift[i : i + 1] @ np.array([1.0, 1j])
     weight = mapped.config.looked * expected_each(mapped, fragment, there, turn, shift)
-    by_class = sums(mapped.object_classes[there.objects], weight, mapped.n_classes)
+    by_class = sums(there.classes.astype(np.int64), weight, mapped.n_classes)
     return Evidence(
         row=row,
         score=float(verified.score[i]),

@@ -11,10 +11,10 @@ from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.labelspace import Labelspace
 from semloc_core.layout.config import LayoutConfig
 from semloc_core.scene_graph import SceneGraph
-from semloc_core.wire import Position
 
 CELL_M = 0.8
 """Places are thinned to one a cell of this size, so that a mapper that lays them closer has no louder voice."""
+_MOST_CELLS = 2.0**17
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,17 +45,16 @@ def fragment_of_graph(graph: SceneGraph, labelspace: Labelspace, place: str, con
     """The surroundings of a place of a live graph; objects of classes that the labelspace lacks are left out."""
     # Sorting and copying all of a large graph at every update would cost more than the rest of the answer.
     reach, (x, y, _) = config.reach_m + 1.0, graph.places[place]
-
-    def beside(at: Position) -> bool:
-        return abs(at[0] - x) <= reach and abs(at[1] - y) <= reach
-
-    object_ids = sorted(o for o, item in graph.objects.items() if beside(item.position))
-    objects = np.array([graph.objects[o].position for o in object_ids], dtype=np.float64).reshape(-1, 3)
-    classes = np.array([labelspace.index(graph.objects[o].class_) for o in object_ids], dtype=np.int64)
-    known = sorted(p for p, at in graph.places.items() if beside(at))
-    places = np.array([graph.places[p] for p in known], dtype=np.float64).reshape(-1, 3)
+    beside = [
+        key
+        for key, item in graph.objects.items()
+        if -reach <= item.position[0] - x <= reach and -reach <= item.position[1] - y <= reach
+    ]
+    items = [graph.objects[key] for key in sorted(beside)]
+    objects = np.array([item.position for item in items], dtype=np.float64).reshape(-1, 3)
+    classes = np.array([labelspace.index(item.class_) for item in items], dtype=np.int64)
     origin = np.array(graph.places[place], dtype=np.float64)
-    return _around(origin, objects, classes, object_ids, places, config)
+    return _around(origin, objects, classes, sorted(beside), graph.index.positions, config)
 
 
 def fragment_of_arrays(graph: GraphArrays, place: int, config: LayoutConfig) -> Fragment:
@@ -77,11 +76,22 @@ def thinned(places: Floats) -> Floats:
     """One of (k, 3) places a cell of `CELL_M`, in the order of the cells: the nearest to the middle of its cell."""
     cells = np.floor(places / CELL_M)
     off = ((places - (cells + 0.5) * CELL_M) ** 2).sum(axis=1)
-    order = np.lexsort((off, *cells.T))
-    ordered = cells[order]
-    first = np.r_[True, (ordered[1:] != ordered[:-1]).any(axis=1)] if len(order) else np.zeros(0, dtype=np.bool_)
+    number = _numbered(cells)
+    # Of places as near the middle the first by its coordinates: the order in which places came has no say.
+    order = np.lexsort((*places.T, off, number))
+    ordered = number[order]
+    first = np.ones(len(order), dtype=np.bool_)
+    first[1:] = ordered[1:] != ordered[:-1]
     kept: Floats = places[order[first]]
     return kept
+
+
+def _numbered(cells: Floats) -> Floats | Ints:
+    """(k,) numbers that are in the order of (k, 3) cells: by z, then y, then x."""
+    if np.abs(cells).max(initial=0.0) < _MOST_CELLS / 2:
+        numbers: Floats = (cells[:, 2] * _MOST_CELLS + cells[:, 1]) * _MOST_CELLS + cells[:, 0]  # exact in float64
+        return numbers
+    return np.unique(cells[:, ::-1], axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
 def _around(

@@ -33,6 +33,7 @@ class MappedLayout:
         invented: (C,) objects invented, per m² and class.
         odds: (K,) a seen object's odds of being this one, exactly where it is mapped, and not invented.
         rooms: the free space of each building.
+        cells: (M,) numbers of the cells of `APART_M` that the places are in.
         around: the objects around each place.
 
     """
@@ -55,6 +56,7 @@ class MappedLayout:
         self.rooms = Rooms([b.room for b in parts])
         self.around = Around.joined([b.around for b in parts], [len(b.object_positions) for b in parts])
         self.invented: Floats = config.invented * frequency
+        self.cells: Ints = _numbered([b.cells for b in parts])
         self.odds: Floats = self.detected / (2 * np.pi * config.spread_m**2) / self.invented[self.object_classes]
 
     @property
@@ -69,3 +71,12 @@ class MappedLayout:
         found = np.flatnonzero(of_class == 0)
         of_class[found] = np.arange(len(found))
         return of_class[classes], of_class
+
+
+def _numbered(parts: Sequence[Ints]) -> Ints:
+    """Numbers of several buildings' cells, each building's after those of the last one."""
+    found, first = [np.zeros(0, dtype=np.int64)], 0
+    for cells in parts:
+        found.append(cells + first)
+        first += int(cells.max(initial=-1)) + 1
+    return np.concatenate(found)

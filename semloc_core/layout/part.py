@@ -14,6 +14,9 @@ from semloc_core.layout.fragment import thinned
 from semloc_core.layout.nearby import BLOCK_ROWS, Nearby, nearest, uncrowded
 from semloc_core.layout.room import Room, room_of
 
+APART_M = 1.0
+"""Poses to be aligned begin at least so far apart, or turned: alignment moves them by about as much."""
+
 
 class LayoutPart:
     """A building's part of a map: nothing in it depends on the map's other buildings.
@@ -56,7 +59,7 @@ class LayoutPart:
     def of(cls, graph: GraphArrays, rows: Ints, n_classes: int, weights: Floats | None = None) -> LayoutPart:
         """The same with all made that a map needs of it: none waits for it."""
         part = cls(graph, rows, n_classes, weights)
-        _ = part.around, part.room
+        _ = part.around, part.room, part.cells
         if affordable(len(part), n_classes):
             _ = part.rings
         return part
@@ -83,7 +86,14 @@ class LayoutPart:
             sizes.append(np.bincount(i, minlength=last - first))
             found.append(j)
         start, objects = np.cumsum(np.concatenate(sizes)), np.concatenate(found)
-        return Around.of(start, objects, self.positions, self.object_positions)
+        return Around.of(start, objects, self.positions, self.object_positions, self.object_classes)
+
+    @cached_property
+    def cells(self) -> Ints:
+        """(m,) numbers of the cells of `APART_M` that its places are in, from 0 on."""
+        cells = np.floor(self.positions / APART_M)
+        found: Ints = np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+        return found
 
     @cached_property
     def rings(self) -> Rings:

@@ -12,6 +12,7 @@ from semloc_core.graph_arrays import Floats, Ints
 from semloc_core.layout.config import LayoutConfig
 
 Floats32 = NDArray[np.float32]
+Complex = NDArray[np.complex128]
 
 ROOM_CELL_M = 0.5
 ROOM_LAYER_M = 1.0
@@ -58,20 +59,34 @@ class Rooms:
         sizes = [room.cost.size for room in known]
         self._first = np.cumsum([0, *sizes]).astype(np.float64)
 
-    def lost(self, building: Ints, x: Floats, y: Floats, z: Floats) -> Floats:
-        """(T,) cost of k points in each of T frames.
+    def lost(self, building: Ints, turn: Complex, origin: Floats, places: Floats) -> Floats:
+        """(T,) cost of k places that a robot knows, were it in each of T poses.
 
         Args:
-            building: (T,) of each frame.
-            x, y, z: (T, k) metres.
+            building: (T,) of each pose.
+            turn: (T,) complex of length one.
+            origin: (T, 3) metres, where the robot is.
+            places: (k, 3) metres from there, by its heading.
 
         """
-        at = np.zeros(x.shape)
+        low, size = self._low[building], self._shape[building]
+        x, y, z = places.T
+        ground = np.vstack([x, y, np.ones(len(x))])
+        c, s, off = turn.real, turn.imag, (origin - low) / _CELL + RIM
         # Counted in float64, where whole numbers are exact, and in place: there are many points.
-        for axis, points in enumerate((x, y, z)):
-            cells = points - self._low[building, axis, None]
-            cells /= _CELL[axis]
-            place_in(at, cells, self._shape[building, axis, None])
+        at = np.stack([c / ROOM_CELL_M, -s / ROOM_CELL_M, off[:, 0]], axis=1) @ ground
+        _into(at, size[:, 0])
+        cells = np.stack([s / ROOM_CELL_M, c / ROOM_CELL_M, off[:, 1]], axis=1) @ ground
+        _into(cells, size[:, 1])
+        at *= size[:, 1, None]
+        at += cells
+        # Floors are level: their heights are on the brink of a layer, and are rounded as they were for the map.
+        cells = (np.add.outer(origin[:, 2], z) - low[:, 2, None]) / ROOM_LAYER_M
+        np.floor(cells, out=cells)
+        cells += RIM
+        _into(cells, size[:, 2])
+        at *= size[:, 2, None]
+        at += cells
         at += self._first[building][:, None]
         found: Floats = self._cost[at.astype(np.int64)].sum(axis=1)
         return found
@@ -82,21 +97,11 @@ RIM = 2
 _CELL = np.array([ROOM_CELL_M, ROOM_CELL_M, ROOM_LAYER_M])
 
 
-def place_in(at: Floats, cells: Floats, size: Floats | float) -> None:
-    """Go on from the number of a cell along some axes to its number along one more.
-
-    Args:
-        at: whole numbers, changed in place.
-        cells: where the points are along this axis, in cells from behind the rim; overwritten.
-        size: cells along this axis.
-
-    """
-    np.floor(cells, out=cells)
-    cells += RIM
+def _into(cells: Floats, size: Floats) -> None:
+    """Whole numbers of the cells that (T, k) points are in, or of the nearest, among (T,) of each frame; in place."""
     np.maximum(cells, 0.0, out=cells)
-    np.minimum(cells, size - 1.0, out=cells)
-    at *= size
-    at += cells
+    np.minimum(cells, size[:, None] - 1.0, out=cells)
+    np.floor(cells, out=cells)
 
 
 def room_of(places: Floats, config: LayoutConfig) -> Room | None:

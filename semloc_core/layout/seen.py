@@ -11,7 +11,7 @@ from semloc_core.graph_arrays import Floats, Ints
 from semloc_core.layout.around import sums
 from semloc_core.layout.fragment import Fragment
 from semloc_core.layout.mapped import MappedLayout
-from semloc_core.layout.room import RIM, place_in
+from semloc_core.layout.room import RIM
 from semloc_core.layout.there import Complex, There
 
 SEEN_CELL_M = np.array([0.5, 0.5, 1.0])
@@ -26,11 +26,13 @@ def expected_each(mapped: MappedLayout, fragment: Fragment, there: There, turn: 
     """(E,) probability of each mapped object around T places to be detected; 0 where it lies near no known place."""
     seen, low = seen_cells(fragment.places, mapped.config.seen_within_m)
     where = there.seen_from(turn, shift)
-    at = np.zeros(len(where))
-    for axis, points in enumerate((where.real, where.imag, there.up)):
-        cells = points - low[axis]
-        cells /= SEEN_CELL_M[axis]
-        place_in(at, cells, seen.shape[axis])
+    cells = np.stack([where.real, where.imag, there.up])
+    cells -= low[:, None]
+    cells /= SEEN_CELL_M[:, None]
+    np.floor(cells, out=cells)
+    cells += RIM
+    np.clip(cells, 0.0, np.array(seen.shape)[:, None] - 1.0, out=cells)
+    at = (cells[0] * seen.shape[1] + cells[1]) * seen.shape[2] + cells[2]
     weight: Floats = mapped.detected[there.objects] * seen.ravel()[at.astype(np.int64)]
     return weight
 

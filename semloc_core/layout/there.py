@@ -23,6 +23,7 @@ class There:
     Args:
         which: (E,) the place.
         objects: (E,) the object.
+        classes: (E,) theirs.
         offset: (E,) complex, metres from the place in the plane.
         up: (E,) metres above it.
 
@@ -30,6 +31,7 @@ class There:
 
     which: Ints
     objects: NDArray[np.int32]
+    classes: NDArray[np.int32]
     offset: Complex
     up: Floats
 
@@ -48,4 +50,4 @@ def around_rows(mapped: MappedLayout, rows: Ints) -> There:
         there[objects] - here[which]
         for there, here in zip(mapped.object_positions.T, mapped.positions[rows].T, strict=True)
     )
-    return There(which, objects, offset, up)
+    return There(which, objects, mapped.around.classes[at], offset, up)

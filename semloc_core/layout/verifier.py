@@ -14,11 +14,8 @@ from semloc_core.layout.coarse import CoarseScan, affordable
 from semloc_core.layout.config import LayoutConfig
 from semloc_core.layout.fragment import Fragment
 from semloc_core.layout.mapped import MappedLayout
-from semloc_core.layout.part import LayoutPart
+from semloc_core.layout.part import APART_M, LayoutPart
 from semloc_core.layout.vote import best_poses, heading_scores
-
-APART_M = 1.0
-"""Poses to be aligned begin at least so far apart, or turned: alignment moves them by about as much."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,11 +146,11 @@ class LayoutVerifier:
 
     def _apart(self, rows: Ints, values: NDArray[np.float32]) -> Ints:
         """The best of these places in each cell of `APART_M`: places beside one another make one pose."""
-        cells = np.floor(self.mapped.positions[rows] / APART_M)
-        key = np.column_stack([self.mapped.building[rows], cells])
-        order = np.lexsort((rows, -values[rows], *key.T))
-        ordered = key[order]
-        first = np.r_[True, (ordered[1:] != ordered[:-1]).any(axis=1)]
+        cells = self.mapped.cells[rows]
+        order = np.lexsort((rows, -values[rows], cells))
+        ordered = cells[order]
+        first = np.ones(len(rows), dtype=np.bool_)
+        first[1:] = ordered[1:] != ordered[:-1]
         chosen: Ints = rows[order[first]]
         return chosen
 

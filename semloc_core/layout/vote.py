@@ -116,7 +116,7 @@ def _pairs(mapped: MappedLayout, fragment: Fragment, voters: Ints, candidates: I
     metres, bearing = np.sqrt(x * x + y * y), np.arctan2(y, x)
     which, at = around.of_places(candidates)
     kind, of_class = mapped.kinds(fragment.classes[voters])
-    there = of_class[mapped.object_classes[around.objects[at]]]
+    there = of_class[around.classes[at]]
     wanted = np.flatnonzero(there >= 0)
     which, at, there = which[wanted], at[wanted], there[wanted]
     # Kinds are laid out along a line, far from one another: then only those of one kind can be about as far.

@@ -53,7 +53,8 @@ def test_room_costs_nothing_where_the_map_has_it_and_most_far_away(homes):
     rooms = Rooms([room_of(places, CONFIG)])
 
     def cost(points):
-        return rooms.lost(np.zeros(len(points), dtype=np.int64), *(axis[:, None] for axis in points.T))
+        n = len(points)
+        return rooms.lost(np.zeros(n, dtype=np.int64), np.ones(n, dtype=np.complex128), points, np.zeros((1, 3)))
 
     assert (cost(places) == 0).all()
     furthest = cost(places + np.array([1000.0, 0, 0]))
@@ -84,11 +85,10 @@ def test_several_buildings_have_each_their_own_room(homes):
     rooms = [room_of(graph.place_positions, CONFIG) for graph in homes[0]]
     together = Rooms([rooms[0], None, rooms[1]])
     points = homes[0][1].place_positions
-    x, y, z = (np.broadcast_to(axis, (3, len(points))) for axis in points.T)
-    lost = together.lost(np.array([0, 1, 2]), x, y, z)
+    ahead = np.ones(3, dtype=np.complex128)
+    lost = together.lost(np.array([0, 1, 2]), ahead, np.zeros((3, 3)), points)
     assert lost[1:].tolist() == [0, 0]
-    alone = Rooms([rooms[0]]).lost(np.zeros(1, dtype=np.int64), x[:1], y[:1], z[:1])
-    assert lost[0] == alone[0]
+    assert lost[0] == Rooms(rooms).lost(np.zeros(1, dtype=np.int64), ahead[:1], np.zeros((1, 3)), points)[0]
 
 
 def test_absurd_coordinates_do_not_fill_the_memory():

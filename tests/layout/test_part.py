@@ -20,7 +20,7 @@ def test_a_joined_verifier_is_the_one_made_of_all_buildings(homes):
     joined = LayoutVerifier.joined(parts)
     for name in ("positions", "building", "object_positions", "object_classes", "detected", "invented"):
         same(getattr(joined.mapped, name), getattr(whole.mapped, name))
-    for name in ("start", "objects", "metres", "bearing", "up"):
+    for name in ("start", "objects", "classes", "metres", "bearing", "up"):
         same(getattr(joined.mapped.around, name), getattr(whole.mapped.around, name))
     for place in range(0, again[1].n_places, 5):
         fragment = fragment_of_arrays(again[1], place, whole.config)
