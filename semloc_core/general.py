@@ -10,6 +10,7 @@ from importlib import resources
 from pathlib import Path
 
 from semloc_core.errors import ModelError
+from semloc_core.labelspace import all_numbers, listed
 from semloc_core.model import Model
 
 FOLDER = Path(str(resources.files("semloc_core"))) / "general_models"
@@ -65,9 +66,20 @@ def pick_general(objects: Mapping[str, int]) -> tuple[str, Model, int]:
     total = sum(objects.values())
     best = max(found, key=lambda pair: (known[pair[0]], -len(pair[1].labelspace)), default=None)
     if best is None or not total or known[best[0]] < LEAST_KNOWN * total:
-        of = f"{known[best[0]]} of {total} objects known to '{best[0]}'" if best else "no general encoder"
+        names = ", ".join(known) or "none"
         raise ModelError(
-            f"expected a model (--model), or classes that a general encoder knows: {', '.join(known) or 'none'} "
-            f"(got {of}; --labelspace names classes that are numbers in the file)"
+            f"expected --model, or a building of which a general encoder ({names}) knows at least {LEAST_KNOWN:.0%} of "
+            f"the objects (got {_unknown(objects, known, best) if best and total else 'none'})"
         )
     return best[0], best[1], known[best[0]]
+
+
+def _unknown(objects: Mapping[str, int], known: Mapping[str, int], best: tuple[str, Model]) -> str:
+    """What the best general encoder does not know of a building, and what helps."""
+    name, model = best
+    lacks = {class_: count for class_, count in objects.items() if model.labelspace.index(class_) < 0}
+    if all_numbers(lacks):
+        helps = "--labelspace says which classes these numbers are"
+    else:
+        helps = "semloc train makes a model of the building's own classes, --synonyms joins names"
+    return f"{known[name]} of {sum(objects.values())} known to {name}, none of {listed(lacks)}; {helps}"

@@ -257,3 +257,15 @@ def count_unknown(graph: SceneGraph, labelspace: Labelspace) -> dict[str, int]:
     """
     counts = Counter(thing.class_ for thing in graph.objects.values() if labelspace.index(thing.class_) < 0)
     return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
+
+
+def all_numbers(names: Iterable[str]) -> bool:
+    """Whether these are numbers for want of names, as `labelspace_from_hydra` calls the classes of such a file."""
+    return all(name.removeprefix("class_").isdecimal() and name.startswith("class_") for name in names)
+
+
+def listed(counts: Mapping[str, int], most: int = 8) -> str:
+    """``chair (4), couch (2)`` of objects by class, the most frequent first; beyond ``most`` classes how many more."""
+    rows = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    named = ", ".join(f"{name} ({count})" for name, count in rows[:most])
+    return named + (f" and {len(rows) - most} classes more" if len(rows) > most else "")

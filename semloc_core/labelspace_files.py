@@ -11,6 +11,8 @@ import yaml
 
 from semloc_core.errors import LabelspaceError
 
+LARGEST_BYTES = 1 << 17
+"""Some two thousand classes; a scene graph given by mistake is refused before a minute is spent on reading it."""
 FOLDER = Path(str(resources.files("semloc_core"))) / "labelspaces"
 
 T = TypeVar("T")
@@ -91,7 +93,10 @@ def _read(path: str | Path, type_: type[T]) -> T:
     what = f"expected a YAML file of {'synonyms' if type_ is SynonymsFile else 'a labelspace'} at {path}"
     try:
         with Path(path).open(encoding="utf-8") as file:
-            return msgspec.convert(yaml.load(file, _Loader), type_)
+            text = file.read(LARGEST_BYTES + 1)
+        if len(text) > LARGEST_BYTES:
+            raise LabelspaceError(f"{what} (got more than {LARGEST_BYTES >> 10} kB)")
+        return msgspec.convert(yaml.load(text, _Loader), type_)
     except OSError as error:
         raise LabelspaceError(f"{what} (got: {error.strerror})") from error
     except (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,7 +12,10 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from semloc_core.errors import FileFormatError
+from semloc_core.cli.foreign_classes import tell_numbers
+from semloc_core.cli.screen import console as console
+from semloc_core.cli.screen import note as note
+from semloc_core.errors import ConfigError, FileFormatError
 from semloc_core.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -22,8 +24,21 @@ if TYPE_CHECKING:
     from semloc_core.model import Model
     from semloc_core.scene_graph import SceneGraph
 
+
+def can_be_written(path: Path | None) -> Path | None:
+    """Refuse a file that can't be written before the work that it is to keep: the callback of such options."""
+    if path is not None:
+        if path.is_dir():
+            raise ConfigError(f"expected a file to write to (got {path}, which is a folder)")
+        if not path.parent.is_dir():
+            raise ConfigError(f"expected a file in a folder that exists (got {path})")
+    return path
+
+
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")]
-Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the figures as JSON.")]
+Json = Annotated[
+    Path | None, typer.Option("--json", metavar="FILE", callback=can_be_written, help="Write the figures as JSON.")
+]
 LabelspaceOption = Annotated[
     str | None,
     typer.Option(
@@ -40,13 +55,6 @@ SynonymsOption = Annotated[
         "--synonyms", metavar="FILE", help="YAML that joins a detector's names to the map's: {synonyms: {sofa: couch}}."
     ),
 ]
-
-console = Console(highlight=False, soft_wrap=True)
-
-
-def note(text: str) -> None:
-    """One line for the person, on stderr, so that stdout stays for results."""
-    sys.stderr.write(text + "\n")
 
 
 def is_run(path: Path) -> bool:
@@ -83,22 +91,23 @@ def read_graph(path: Path, labelspace: Labelspace | None) -> HydraFile:
     return read_hydra(path, labelspace)
 
 
-def read_graph_or_run(path: Path, labelspace: Labelspace) -> SceneGraph:
-    """Read a GRAPH, or a RUN to its end."""
+def read_graph_or_run(path: Path, labelspace: Labelspace, *, of_map: bool = False) -> SceneGraph:
+    """Read a GRAPH, or a RUN to its end.
+
+    Args:
+        path: the file or folder.
+        labelspace: what class numbers mean in files without names.
+        of_map: it is a map's or a model's, not one named for this file: numbers that it gives names to are told.
+
+    """
     if is_run(path):
         from semloc_core.run import graph_at_end
 
         return graph_at_end(path)
-    return read_graph(path, labelspace).graph
-
-
-def report_unknown_classes(unknown: dict[str, int], where: str) -> None:
-    """Say which classes the labelspace lacks: they are counted, never silently dropped."""
-    if unknown:
-        listed = ", ".join(f"{name} ({count})" for name, count in sorted(unknown.items()))
-        note(f"{where}: objects of classes that the labelspace lacks are not used: {listed}")
-        if all(name.startswith("class_") for name in unknown):
-            note(f"{where}: it has numbers in place of class names: --labelspace names them")
+    file = read_graph(path, labelspace)
+    if of_map:
+        tell_numbers(path, file, labelspace)
+    return file.graph
 
 
 LINE_EVERY_S = 15.0

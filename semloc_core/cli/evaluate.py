@@ -15,9 +15,9 @@ from semloc_core.cli.common import (
     pick_labelspace,
     progress,
     read_graph,
-    report_unknown_classes,
     show,
 )
+from semloc_core.cli.foreign_classes import report_unknown_classes
 
 app = typer.Typer(no_args_is_help=True, help="Measure: the paper's protocol, and whole buildings.")
 app.command("merge")(evaluate_merge.merge)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from semloc_core.cli.common import console, read_graph_or_run
+from semloc_core.cli.common import can_be_written, console, read_graph_or_run
 from semloc_core.errors import ConfigError, GraphError
 from semloc_core.whole_file import write_whole
 
@@ -43,18 +43,17 @@ def explain(
         str | None, typer.Option("--methods", metavar="NAME,…", help="Explainers, by comma; default: all.")
     ] = None,
     json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write all messages as JSON.")
+        Path | None, typer.Option("--json", metavar="FILE", callback=can_be_written, help="Write all messages as JSON.")
     ] = None,
 ) -> None:
     """Locate one place of a graph, and say which classes and objects made the match, or any other pair."""
     from semloc_core import wire
-    from semloc_core.explain.explainers import check_methods
-    from semloc_core.explain.pair import explain_pair, find_row
+    from semloc_core.explain.pair import check_asked, explain_pair, find_row
     from semloc_core.localiser import Localiser
     from semloc_core.map_database import load
 
     chosen = None if methods is None else [name.strip() for name in methods.split(",")]
-    check_methods(chosen or [])
+    check_asked(chosen or [])
     loaded = load(map_file)
     graph = read_graph_or_run(source, loaded.model.labelspace)
     query = _query_place(graph, query, near)
@@ -165,6 +164,11 @@ def _print_methods(methods: Sequence[MethodAttributions]) -> None:
         f"  Without the {best.fidelity.budget:.0%} of the objects that it puts first the similarity, on a scale from 0 "
         f"to 1, changes by {best.fidelity.necessity:.3f}; with them alone by {best.fidelity.sufficiency:.3f}."
     )
+    if any(said.method == "layout" for said in order):
+        console.print(
+            "  layout: how the objects lie, which decided (needs no test: its parts are what was added up); "
+            "the others: the similarity that proposed the place."
+        )
     leaders = Counter(said.classes[0].class_ for said in order)
     leader, count = leaders.most_common(1)[0]
     console.print(f"  {count} of {len(order)} put {leader} first.")

@@ -12,23 +12,30 @@ from semloc_core.cli.common import (
     LabelspaceOption,
     Seed,
     building_name,
+    can_be_written,
     console,
     pick_labelspace,
     progress,
     read_graph,
-    report_unknown_classes,
 )
+from semloc_core.cli.foreign_classes import report_unknown_classes
 from semloc_core.whole_file import write_whole
 
 
 def introspect(
     graph: Annotated[Path, typer.Argument(metavar="GRAPH", help="The scene graph.")],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="HTML", help="Write the study as one page.")
+        Path | None,
+        typer.Option("-o", "--output", metavar="HTML", callback=can_be_written, help="Write the study as one page."),
     ] = None,
     keep_file: Annotated[
         Path | None,
-        typer.Option("--keep", metavar="FILE", help="Keep the page's content, for `semloc report` to use."),
+        typer.Option(
+            "--keep",
+            metavar="FILE",
+            callback=can_be_written,
+            help="Keep the page's content, for `semloc report` to use.",
+        ),
     ] = None,
     labelspace: LabelspaceOption = None,
     seeds: Annotated[int, typer.Option("--seeds", min=1, help="Trainings, with seeds from --seed on.")] = 3,

@@ -8,12 +8,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from semloc_core.cli.common import Json, building_name, console, read_graph_or_run, report_unknown_classes, write_json
+from semloc_core.cli.common import (
+    Json,
+    building_name,
+    console,
+    read_graph_or_run,
+    write_json,
+)
+from semloc_core.cli.foreign_classes import AllowUnknown, check_classes
 from semloc_core.cli.map_places import MapPlace, to_change, to_read
 from semloc_core.errors import MapError
 
 if TYPE_CHECKING:
     from semloc_core.evaluate.rows import Row
+    from semloc_core.labelspace import Labelspace
     from semloc_core.map_database.protocols import WritableMap
     from semloc_core.map_merge import Merged
     from semloc_core.model import Model
@@ -41,45 +49,73 @@ def names_of(inputs: list[Path], name: str | None) -> list[str]:
     return names
 
 
-def read_known(path: Path, model: Model) -> SceneGraph:
-    """Read a GRAPH or RUN with places, and say which of its classes the model lacks."""
-    from semloc_core.labelspace import count_unknown
+def read_known(path: Path, model: Model, allow_unknown: bool, names: Labelspace | None = None) -> SceneGraph:
+    """Read a GRAPH or RUN with places, and say which of its classes the model lacks, or refuse it for these.
 
-    graph = read_graph_or_run(path, model.labelspace)
-    report_unknown_classes(count_unknown(graph, model.labelspace), str(path))
+    Args:
+        path: the file or folder.
+        model: of the map.
+        allow_unknown: take it even if the model knows few of its objects.
+        names: what numbers in a file without class names mean, in place of what the model says.
+
+    """
+    from semloc_core.labelspace import all_numbers
+
+    graph = read_graph_or_run(path, names or model.labelspace, of_map=names is None)
+    numbers = all_numbers(thing.class_ for thing in graph.objects.values())
+    helps = "`semloc map build --labelspace` names these" if numbers else "`semloc map build --synonyms` joins names"
+    check_classes(graph, model, str(path), allow_unknown=allow_unknown, helps=helps)
     if not graph.places:
         raise MapError(f"expected a graph with places (got {path}, which has none)")
     return graph
 
 
-def put(database: WritableMap, model: Model, path: Path, name: str, replace: bool) -> int:
+def put(database: WritableMap, model: Model, graph: SceneGraph, name: str, source: str, replace: bool) -> int:
     """Put a whole building into a map; how many places it has."""
     import numpy as np
 
     from semloc_core.graph_arrays import GraphArrays
     from semloc_core.map_merge.store import embed_again, map_weights
 
-    graph = read_known(path, model)
     arrays = GraphArrays.from_scene_graph(graph, model.labelspace, name)
     before = map_weights(database, model)
     write = database.replace_building if replace else database.add_building
     nothing = np.zeros((arrays.n_places, model.encoder.dimension), dtype=np.float32)
-    write(name, graph, arrays.place_ids, arrays.place_positions, nothing, source=path.name)
+    write(name, graph, arrays.place_ids, arrays.place_positions, nothing, source=source)
     embed_again(database, model, database.buildings if map_weights(database, model) != before else [name])
     return arrays.n_places
 
 
-def add(map_place: MapPlace, inputs: Inputs, name: Name = None, place: Places = None) -> None:
+def add(
+    map_place: MapPlace,
+    inputs: Inputs,
+    name: Name = None,
+    place: Places = None,
+    allow_unknown: AllowUnknown = False,
+) -> None:
     """Add buildings, embedded by the map's own model; with --place single places of a building that the map has."""
-    _change(map_place, inputs, name, place, replace=False)
+    _change(map_place, inputs, name, place, False, allow_unknown)
 
 
-def replace(map_place: MapPlace, inputs: Inputs, name: Name = None, place: Places = None) -> None:
+def replace(
+    map_place: MapPlace,
+    inputs: Inputs,
+    name: Name = None,
+    place: Places = None,
+    allow_unknown: AllowUnknown = False,
+) -> None:
     """Replace buildings that the map has by newer graphs or runs of them; with --place single places."""
-    _change(map_place, inputs, name, place, replace=True)
+    _change(map_place, inputs, name, place, True, allow_unknown)
 
 
-def _change(map_place: str, inputs: list[Path], name: str | None, places: list[str] | None, replace: bool) -> None:
+def _change(
+    map_place: str,
+    inputs: list[Path],
+    name: str | None,
+    places: list[str] | None,
+    replace: bool,
+    allow_unknown: bool,
+) -> None:
     from semloc_core.map_merge.edit import store_edited, with_places
 
     done = "replaced" if replace else "added"
@@ -87,13 +123,13 @@ def _change(map_place: str, inputs: list[Path], name: str | None, places: list[s
         raise MapError(f"expected one input with --place (got {len(inputs)})")
     with to_change(map_place) as (database, model), database.transaction():
         for path, building in zip(inputs, names_of(inputs, name), strict=True):
+            graph = read_known(path, model, allow_unknown)
             if places:
-                newer = read_known(path, model)
-                graph = with_places(database.graph(building), newer, set(places), replace=replace)
-                store_edited(database, model, building, graph)
+                edited = with_places(database.graph(building), graph, set(places), replace=replace)
+                store_edited(database, model, building, edited)
                 console.print(f"{building}: {len(set(places))} of its places {done}")
             else:
-                count = put(database, model, path, building, replace)
+                count = put(database, model, graph, building, path.name, replace)
                 console.print(f"{building}: {count} places {done}")
 
 
@@ -130,6 +166,7 @@ def merge(
         str | None, typer.Option("--building", metavar="NAME", help="Merge into this one; default: where it fits best.")
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would change, and change nothing.")] = False,
+    allow_unknown: AllowUnknown = False,
     json_file: Json = None,
 ) -> None:
     """Merge a later traversal of a building that the map has: what it confirms, moves, misses and adds.
@@ -141,11 +178,11 @@ def merge(
 
     if dry_run:
         with to_read(map_place) as (map_, model):
-            graph = read_known(traversal, model)
+            graph = read_known(traversal, model, allow_unknown)
             name, merged = propose(map_, model, graph, building, source=traversal.name)
     else:
         with to_change(map_place) as (database, model):
-            graph = read_known(traversal, model)
+            graph = read_known(traversal, model, allow_unknown)
             name, merged = merge_into(database, model, graph, building, source=traversal.name)
     _say(name, merged, "would be " if dry_run else "")
     if json_file is not None:

@@ -18,7 +18,8 @@ from semloc_core.cli.common import (
     show,
     write_json,
 )
-from semloc_core.cli.map_changes import Inputs, Name, names_of, put
+from semloc_core.cli.foreign_classes import AllowUnknown
+from semloc_core.cli.map_changes import Inputs, Name, names_of, put, read_known
 from semloc_core.cli.map_places import Index, MapPlace, fresh, refuse_existing, to_read
 from semloc_core.fleet.address import is_address
 
@@ -49,6 +50,7 @@ def build(
     labelspace: LabelspaceOption = None,
     name: Name = None,
     synonyms: SynonymsOption = None,
+    allow_unknown: AllowUnknown = False,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing map.")] = False,
     index: Index = "HNSW",
 ) -> None:
@@ -56,11 +58,13 @@ def build(
     if not force:
         refuse_existing(output)
     names, places = names_of(inputs, name), 0
-    loaded = choose_model(model, inputs, pick_labelspace(labelspace), synonyms)
+    space = pick_labelspace(labelspace)
+    loaded = choose_model(model, inputs, space, synonyms)
     with fresh(output, loaded, index) as database, progress("embedding places") as bar:
         for i, (path, building) in enumerate(zip(inputs, names, strict=True)):
             bar(i, len(inputs), building)
-            places += put(database, loaded, path, building, replace=False)
+            graph = read_known(path, loaded, allow_unknown, space)
+            places += put(database, loaded, graph, building, path.name, replace=False)
     console.print(f"{output}: {places} places in {len(inputs)} building{'s' if len(inputs) != 1 else ''}")
 
 

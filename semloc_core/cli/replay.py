@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from semloc_core.cli.common import Json, SynonymsOption, console, join_synonyms, note, report_unknown_classes, show
+from semloc_core.cli.common import Json, SynonymsOption, console, join_synonyms, note, show
+from semloc_core.cli.foreign_classes import report_unknown_classes
 from semloc_core.config import LocaliserConfig, checked, options
 
 _HELP = {option.name: option.description for option in options(LocaliserConfig)}
@@ -74,7 +75,7 @@ def replay(
         localiser.close()
     if state is not None and not state.answers:
         note(state.line)
-    report_unknown_classes(dict(summary.unknown_classes), str(run))
+    report_unknown_classes(dict(summary.unknown_classes), str(run), labelspace=False)
     statuses = ", ".join(f"{count} {name}" for name, count in sorted(summary.statuses.items()))
     console.print(f"{summary.updates} updates: {statuses}")
     dropped = {k: v for k, v in sorted(summary.counts.items()) if k != "applied" and v}

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from semloc_core.cli.common import console
+from semloc_core.cli.common import can_be_written, console
 from semloc_core.whole_file import write_whole
 
 app = typer.Typer(
@@ -37,7 +37,9 @@ StudyOption = Annotated[
 def replay(
     results: Results,
     map_file: MapOption,
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="HTML", help="Where to write the page.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="HTML", callback=can_be_written, help="Where to write the page.")
+    ],
     study: StudyOption = None,
     run: RunOption = None,
     node: NodeOption = "/localiser",
@@ -61,7 +63,9 @@ def replay(
 @app.command("study")
 def study(
     kept_file: Annotated[Path, typer.Argument(metavar="FILE", help="What `semloc introspect --keep` wrote.")],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="HTML", help="Where to write the page.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="HTML", callback=can_be_written, help="Where to write the page.")
+    ],
 ) -> None:
     """One HTML page of a study of explanations."""
     from semloc_core.report.kept import kept
@@ -75,7 +79,9 @@ def study(
 def picture(
     results: Results,
     map_file: MapOption,
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="PNG", help="Where to write the picture.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="PNG", callback=can_be_written, help="Where to write the picture.")
+    ],
     run: RunOption = None,
     node: NodeOption = "/localiser",
 ) -> None:

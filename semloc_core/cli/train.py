@@ -13,14 +13,15 @@ from semloc_core.cli.common import (
     LabelspaceOption,
     Seed,
     building_name,
+    can_be_written,
     console,
     note,
     pick_labelspace,
     progress,
     read_graph,
-    report_unknown_classes,
     show,
 )
+from semloc_core.cli.foreign_classes import report_unknown_classes
 from semloc_core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -29,7 +30,9 @@ if TYPE_CHECKING:
 
 def train(
     graphs: Annotated[list[Path], typer.Argument(metavar="GRAPH...", help="Graphs of the buildings to train on.")],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="MODEL", help="Where to write the model.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="MODEL", callback=can_be_written, help="Where to write the model.")
+    ],
     loss: Annotated[
         Literal["infonce", "triplet", "contrastive", "mil_nce"] | None,
         typer.Option(help="Training loss; none given: the encoder's own (mil_nce; paper: infonce)."),
@@ -70,9 +73,16 @@ def train(
     ] = None,
     steps: Annotated[int | None, typer.Option(min=1, help="Training steps at most.")] = None,
     max_seconds: Annotated[float | None, typer.Option(min=1.0, help="Stop training after this many seconds.")] = None,
-    curve: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw the loss curve.")] = None,
+    curve: Annotated[
+        Path | None, typer.Option(metavar="PNG", callback=can_be_written, help="Draw the loss curve.")
+    ] = None,
     resume: Annotated[
-        Path | None, typer.Option(metavar="STATE", help="Keep the training state here, and go on from it if it exists.")
+        Path | None,
+        typer.Option(
+            metavar="STATE",
+            callback=can_be_written,
+            help="Keep the training state here, and go on from it if it exists.",
+        ),
     ] = None,
     seed: Seed = 0,
     json_file: Json = None,

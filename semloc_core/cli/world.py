@@ -7,14 +7,19 @@ from typing import Annotated, Literal
 
 import typer
 
-from semloc_core.cli.common import Seed, console, progress
+from semloc_core.cli.common import Seed, can_be_written, console, progress
 
 app = typer.Typer(no_args_is_help=True, help="Generate buildings.")
 
 
 @app.command("office")
 def office(
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="GRAPH", help="Where to write the graph (JSON).")],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="GRAPH", callback=can_be_written, help="Where to write the graph (JSON)."
+        ),
+    ],
     seed: Seed = 0,
 ) -> None:
     """An office with the paper's object counts (Table I) and about 1,300 places, as a Hydra v1.1 file."""
@@ -29,7 +34,12 @@ def office(
 
 @app.command("home")
 def home(
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="GRAPH", help="Where to write the graph (JSON).")],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="GRAPH", callback=can_be_written, help="Where to write the graph (JSON)."
+        ),
+    ],
     seed: Seed = 0,
 ) -> None:
     """A home with furniture of COCO's classes, drawn at random, as a Hydra v1.1 file."""

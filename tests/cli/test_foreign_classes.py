@@ -1,0 +1,108 @@
+"""A building of another labelspace must not slip into a map, nor numbers be read as classes without a word."""
+
+import json
+import sqlite3
+from pathlib import Path
+
+import pytest
+
+HOME = ["chair", "couch", "bed", "chair"]
+OFFICE = ["desk", "whiteboard", "desk", "chair"]
+
+
+@pytest.fixture
+def home_map(semloc, write_corridor, tmp_path) -> Path:
+    home = write_corridor(tmp_path / "home.json", HOME)
+    built = semloc("map", "build", home, "--model", "coco", "-o", tmp_path / "home.map")
+    assert built.code == 0, built.err
+    return tmp_path / "home.map"
+
+
+def without_names(path: Path) -> Path:
+    """The same file as Hydra 1.0 wrote it: numbers in place of classes."""
+    document = json.loads(path.read_text())
+    document["metadata"] = {}
+    for node in document["nodes"]:
+        node["attributes"].pop("name", None)
+    path.write_text(json.dumps(document))
+    return path
+
+
+def test_a_building_that_is_mostly_unknown_is_refused_with_its_classes_and_what_helps(
+    semloc, write_corridor, home_map, tmp_path
+) -> None:
+    office = write_corridor(tmp_path / "office.json", OFFICE)
+    before = home_map.read_bytes()
+    for words in (("add", home_map, office), ("replace", home_map, office, "--name", "home")):
+        refused = semloc("map", *words)
+        assert refused.code == 2, refused.out
+        assert len(refused.err.splitlines()) == 1, refused.err
+        assert "got 1 of 4 in" in refused.err
+        assert "desk (2), whiteboard (1)" in refused.err
+        assert "--allow-unknown" in refused.err
+        assert "--synonyms" in refused.err
+        assert home_map.read_bytes() == before
+    refused = semloc("map", "build", office, "--model", "coco", "-o", tmp_path / "new.map")
+    assert refused.code == 2
+    assert "desk (2)" in refused.err
+    assert not (tmp_path / "new.map").exists()
+
+
+def test_it_is_taken_where_that_is_meant(semloc, write_corridor, home_map, tmp_path) -> None:
+    office = write_corridor(tmp_path / "office.json", OFFICE)
+    added = semloc("map", "add", home_map, office, "--allow-unknown")
+    assert added.code == 0, added.err
+    assert "desk (2), whiteboard (1)" in added.err, "what is left out is still said"
+
+
+def test_a_few_unknown_objects_are_said_and_taken(semloc, write_corridor, home_map, tmp_path) -> None:
+    other = write_corridor(tmp_path / "other.json", ["chair", "couch", "desk", "whiteboard"])
+    added = semloc("map", "add", home_map, other)
+    assert added.code == 0, added.err
+    assert "desk (1), whiteboard (1)" in added.err
+
+
+def test_numbers_read_by_a_maps_labelspace_are_told(semloc, write_corridor, home_map, tmp_path) -> None:
+    """16 is a table in one file and a dog in another: only a person can see it."""
+    ids = {"chair": (5,), "table": (16,)}
+    numbers = without_names(write_corridor(tmp_path / "numbers.json", ["chair", "table", "chair"], ids))
+    added = semloc("map", "add", home_map, numbers)
+    assert added.code == 0, added.err
+    assert "class numbers without names, read as labelspace coco has them: 5 bus, 16 dog" in added.err
+
+
+def test_no_advice_to_name_classes_that_were_named(semloc, write_corridor, tmp_path) -> None:
+    ids = {"chair": (5,), "lamp": (11,), "table": (16,)}
+    classes = ["chair", "table", "lamp", "table"]
+    numbers = without_names(write_corridor(tmp_path / "numbers.json", classes, ids))
+    unnamed = semloc("map", "build", numbers, "-o", tmp_path / "a.map")
+    assert unnamed.code == 2
+    assert "--labelspace says which classes these numbers are" in unnamed.err
+    named = semloc("map", "build", numbers, "--labelspace", "uhumans2_apartment", "-o", tmp_path / "a.map")
+    assert named.code == 2
+    assert "1 of 4 known" in named.err
+    assert "table (2), lamp (1)" in named.err
+    assert "--labelspace" not in named.err
+    words = ("map", "build", numbers, "--labelspace", "uhumans2_apartment", "--model", "coco", "-o", tmp_path / "a.map")
+    refused = semloc(*words)
+    assert refused.code == 2
+    assert "table (2), lamp (1)" in refused.err, "by the names that were given, not by numbers"
+    assert "--labelspace" not in refused.err
+
+
+def test_a_scene_graph_in_place_of_a_labelspace_is_refused_at_once(semloc, write_corridor, tmp_path) -> None:
+    """YAML takes a minute to say that a big graph is none."""
+    graph = write_corridor(tmp_path / "big.json", ["chair"] * 200)
+    assert graph.stat().st_size > 1 << 17
+    refused = semloc("map", "build", graph, "--labelspace", graph, "-o", tmp_path / "a.map")
+    assert refused.code == 2
+    assert "expected a YAML file of a labelspace" in refused.err
+    assert "128 kB" in refused.err
+
+
+def test_a_map_that_refuses_is_a_whole_map(semloc, write_corridor, home_map, tmp_path) -> None:
+    good = write_corridor(tmp_path / "good.json", HOME)
+    bad = write_corridor(tmp_path / "bad.json", OFFICE)
+    assert semloc("map", "add", home_map, good, bad).code == 2
+    with sqlite3.connect(home_map) as there:
+        assert there.execute("SELECT COUNT(*) FROM building").fetchone() == (1,), "both or none"
