@@ -24,7 +24,7 @@ class MilvusAddress:
     """Where a map is kept.
 
     Args:
-        host: name or number of the server; an IPv6 number without brackets.
+        host: name or IPv4 number of the server.
         port: of the server.
         name: the map's.
         secure: whether to use TLS.
@@ -39,12 +39,7 @@ class MilvusAddress:
     @property
     def uri(self) -> str:
         """The server, as pymilvus wants it."""
-        return f"http{'s' if self.secure else ''}://{self._server}"
-
-    @property
-    def _server(self) -> str:
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"{host}:{self.port}"
+        return f"http{'s' if self.secure else ''}://{self.host}:{self.port}"
 
     def __str__(self) -> str:
         return f"milvus+{self.uri}/{self.name}"
@@ -76,6 +71,8 @@ def parse_address(text: str) -> MilvusAddress:
         raise MapError(f"{wanted} without user or token (got one with; put the token into {TOKEN_VARIABLE})")
     if not host:
         raise MapError(f"{wanted} (got no host: {text})")
+    if ":" in host:
+        raise MapError(f"{wanted}, a host's name or IPv4 number (got an IPv6 number, which pymilvus does not take)")
     if parts.query or parts.fragment:
         raise MapError(f"{wanted} and no more (got something after the name)")
     name = parts.path.removeprefix("/").removesuffix("/")

@@ -150,7 +150,12 @@ class Server:
 
     def index_type(self, collection: str) -> str:
         """Which kind of index the embeddings of a collection have; empty where the server does not say."""
-        found = self._call("describe_index", collection, "embedding")
+        try:
+            found = self._call("describe_index", collection, "embedding")
+        except MapUnavailableError:
+            raise
+        except MapError:  # a user who may search need not be one who may look at indexes
+            return ""
         return str(found.get("index_type", "")) if isinstance(found, dict) else ""
 
     # -- writing --------------------------------------------------------------------------------------------------

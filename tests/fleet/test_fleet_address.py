@@ -14,7 +14,7 @@ from semloc_core.fleet.address import MilvusAddress, is_address, parse_address
     [
         ("milvus+http://localhost:19530/hq", MilvusAddress("localhost", 19530, "hq")),
         ("milvus+https://maps.example.org/Site_2", MilvusAddress("maps.example.org", 19530, "Site_2", True)),
-        ("milvus+http://[::1]:7/x/", MilvusAddress("::1", 7, "x")),
+        ("milvus+http://127.0.0.1:7/x/", MilvusAddress("127.0.0.1", 7, "x")),
         ("MILVUS+HTTP://10.0.0.1:1/x", MilvusAddress("10.0.0.1", 1, "x")),
     ],
 )
@@ -26,7 +26,7 @@ def test_addresses(text: str, address: MilvusAddress) -> None:
 
 def test_uri_has_the_scheme_of_the_server() -> None:
     assert parse_address("milvus+https://h:1/x").uri == "https://h:1"
-    assert parse_address("milvus+http://[::1]/x").uri == "http://[::1]:19530"
+    assert parse_address("milvus+http://h/x").uri == "http://h:19530"
 
 
 @pytest.mark.parametrize(
@@ -37,6 +37,7 @@ def test_uri_has_the_scheme_of_the_server() -> None:
         ("milvus+http://host:1/a/b", "letters, digits and underscores"),
         ("milvus+http://host:1/ä", "letters, digits and underscores"),
         ("milvus+http://host:1/" + "x" * 65, "letters, digits and underscores"),
+        ("milvus+http://[::1]:7/x", "an IPv6 number"),
         ("milvus+http:///x", "got no host"),
         ("milvus+http:/host/x", "got no host"),
         ("milvus+http://host:port/x", "host or port can't be read"),

@@ -7,10 +7,21 @@ import pytest
 from fleet_maps import fill
 from map_cases import make_map, make_model
 
+from semloc_core.fleet import reading, server
 from semloc_core.fleet.address import MilvusAddress
 from semloc_core.fleet.file_source import FileSource
 from semloc_core.fleet.milvus_source import MilvusSource
 from semloc_core.map_database import load
+
+
+def test_a_catalogue_of_more_rows_than_one_message_holds(
+    address: MilvusAddress, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fill(address)
+    whole = MilvusSource(address).catalogue()
+    monkeypatch.setattr(server, "MAX_ROWS", 4)  # four rows there are
+    monkeypatch.setattr(reading, "_POINTERS_AT_ONCE", 1)
+    assert MilvusSource(address).catalogue() == whole
 
 
 @pytest.mark.parametrize("order", [("a", "b"), ("b", "a")])
