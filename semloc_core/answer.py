@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.encoder.base import Encoded
+from semloc_core.layout.evidence import Evidence
 from semloc_core.map_database import LoadedMap
 from semloc_core.place_graph import Batch
 from semloc_core.posterior import Ranking
@@ -37,12 +38,16 @@ class Query:
 
 @dataclass(frozen=True, eq=False)
 class Located:
-    """An answer: the message to publish, and what `Localiser.explain` needs to say why."""
+    """An answer: the message to publish, and what `Localiser.explain` needs to say why.
+
+    ``evidence`` is what the test by layout rests on at the best row; None where that was not tested.
+    """
 
     query: Query
     matches: PlaceMatches
     map: LoadedMap
     best_row: int | None = None
+    evidence: Evidence | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,9 +21,10 @@ class LocaliserConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
 
     top_n: Annotated[int, Meta(ge=1, le=100, description="how many places a match message lists")] = 10
     explainer: Annotated[
-        Literal["attention", "integrated_gradients", "saliency", "shapley_sampling", "class_shapley"],
+        Literal["attention", "integrated_gradients", "saliency", "shapley_sampling", "class_shapley", "layout"],
         Meta(
-            description="how objects are credited; for attention, an encoder without it answers in closed form",
+            description="how objects are credited: by the embedding's similarity (for attention, an encoder without it "
+            "answers in closed form), or, layout, by the test that decides where it is on",
         ),
     ] = "attention"
     explain_rate_hz: Annotated[

@@ -236,7 +236,8 @@ class Localiser:
             raw_matches=matches_of(self.map, raw.rows, raw, everywhere) if ranking is not raw else None,
             calibrated=calibrated,
         )
-        return Located(query, message, self.map, best)
+        evidence = self._reranker.evidence(tested, best) if self._reranker is not None and tested is not None else None
+        return Located(query, message, self.map, best, evidence)
 
     def _search(self, z: NDArray[np.float32]) -> tuple[Ranking, NDArray[np.float32]]:
         """The places most similar to an embedding (D,); (M,) similarities to all places."""

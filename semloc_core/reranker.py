@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.layout import LayoutPart, LayoutVerifier, Verified, fragment_of_graph
 from semloc_core.layout.confidence import confidence
+from semloc_core.layout.evidence import Evidence, evidence
+from semloc_core.layout.fragment import Fragment
 from semloc_core.map_database import LoadedMap
 from semloc_core.map_database.weights import object_weights
 from semloc_core.posterior import Ranking, modes
@@ -68,11 +70,13 @@ class Reranked:
     Args:
         ranking: the places tested, best first, then the search's; probabilities of all.
         verified: the test itself.
+        fragment: what was put to it.
 
     """
 
     ranking: Ranking
     verified: Verified
+    fragment: Fragment
 
 
 class Reranker:
@@ -121,4 +125,8 @@ class Reranker:
         probability.update(zip(tested.tolist(), sure.probability[order].tolist(), strict=True))
         shown = np.concatenate([tested, rest])[:top_n]
         separate = np.array(modes(tested, self._within), dtype=np.int64)
-        return Reranked(Ranking(shown, separate, probability, sure.in_map), found)
+        return Reranked(Ranking(shown, separate, probability, sure.in_map), found, fragment)
+
+    def evidence(self, tested: Reranked, row: int) -> Evidence | None:
+        """What the test rests on at a row of the map; None for one that was not tested."""
+        return evidence(self._verifier.mapped, tested.fragment, tested.verified, row)

@@ -10,9 +10,10 @@ from semloc_core.config import LocaliserConfig
 from semloc_core.errors import SemlocError
 from semloc_core.explain.explainers import explain
 from semloc_core.explain.fidelity import own_fidelity
+from semloc_core.explain.layout_scores import LAYOUT, layout_attributions
 from semloc_core.explain.scores import class_scores, object_scores
 from semloc_core.explain.similarity import SimilarityQuery
-from semloc_core.messages import ClassAttributions
+from semloc_core.messages import ClassAttributions, MethodAttributions
 
 EXPLAINER_SEED = 0
 """Explainers that sample start from it at every answer: a replay explains as the node did, also from its middle."""
@@ -28,12 +29,15 @@ def explain_answer(located: Located, config: LocaliserConfig) -> ClassAttributio
         config: says by which explainer, and the frame of the message.
 
     Raises:
-        SemlocError: there is nothing to explain: the answer has no match.
+        SemlocError: there is nothing to explain: the answer has no match, or was not put to the test that is to
+            be explained.
 
     """
     query = located.query
     if located.best_row is None or query.batch is None or query.encoded is None:
         raise SemlocError(f"expected an answer with a match to explain (got {located.matches.status})")
+    if config.explainer == LAYOUT:
+        return _message(located, config, *layout_attributions(located))
     target = torch.from_numpy(located.map.embeddings[located.best_row])
     question = SimilarityQuery.from_encoder(
         located.map.model.encoder,
@@ -44,7 +48,20 @@ def explain_answer(located: Located, config: LocaliserConfig) -> ClassAttributio
         queries=located.map.queries,
     )
     scores = explain(question, config.explainer, np.random.default_rng(EXPLAINER_SEED))
-    best = located.matches.matches[0]
+    said = MethodAttributions(
+        method=scores.method,
+        classes=class_scores(scores),
+        objects=object_scores(scores),
+        fidelity=own_fidelity(question, scores),
+        completeness_gap=scores.completeness_gap,
+    )
+    return _message(located, config, said, scores.unattributed)
+
+
+def _message(
+    located: Located, config: LocaliserConfig, said: MethodAttributions, unattributed: float | None
+) -> ClassAttributions:
+    query, best = located.query, located.matches.matches[0]
     return ClassAttributions(
         schema="semloc/class_attributions/1",
         stamp_ns=query.stamp_ns,
@@ -53,10 +70,10 @@ def explain_answer(located: Located, config: LocaliserConfig) -> ClassAttributio
         query_place=query.place,
         match_map=best.map,
         match_place=best.place,
-        method=scores.method,
-        classes=class_scores(scores),
-        objects=object_scores(scores),
-        unattributed=scores.unattributed,
-        fidelity=own_fidelity(question, scores),
-        completeness_gap=scores.completeness_gap,
+        method=said.method,
+        classes=said.classes,
+        objects=said.objects,
+        unattributed=unattributed,
+        fidelity=said.fidelity,
+        completeness_gap=said.completeness_gap,
     )

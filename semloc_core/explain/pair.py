@@ -9,10 +9,11 @@ import numpy as np
 import torch
 
 from semloc_core.answer import Located
-from semloc_core.errors import GraphError, MapError, SemlocError
+from semloc_core.errors import ConfigError, GraphError, MapError, SemlocError
 from semloc_core.explain.counterfactual import counterfactual, why_not
 from semloc_core.explain.explainers import EXPLAINERS, check_methods, explain
 from semloc_core.explain.fidelity import BUDGET, own_fidelity
+from semloc_core.explain.layout_scores import LAYOUT, layout_attributions
 from semloc_core.explain.scores import class_scores, object_scores
 from semloc_core.explain.similarity import PerturbedEncoder, SimilarityQuery
 from semloc_core.messages import ExplainRequest, Explanation, MethodAttributions
@@ -107,6 +108,11 @@ def _listed(located: Located) -> list[int]:
     return [located.map.row(match.map, match.place) for match in located.matches.matches]
 
 
+def check_asked(methods: Sequence[str]) -> None:
+    """Raise ConfigError where a name is no explainer's that a pair can be explained by."""
+    check_methods([method for method in methods if method != LAYOUT])
+
+
 def explain_pair(
     located: Located,
     row: int,
@@ -120,25 +126,28 @@ def explain_pair(
     """Explain a query and a place of the map by several methods, with a counterfactual and a contrast to the top match.
 
     The top match is the answer's, after verification by layout where that is on. What is explained is the embedding's
-    similarity: methods, contrast and counterfactual say nothing of layout, and the counterfactual is of the search
-    by similarity alone.
+    similarity; of the published place also the test by layout, by the method of that name. Contrast and
+    counterfactual say nothing of layout, and the counterfactual is of the search by similarity alone.
 
     Args:
         located: an answer with an embedded query.
         row: row of the place in the map.
-        methods: explainers; None: all.
+        methods: explainers; None: all, ``layout`` where the place was put to the test.
         stamp_ns: of the message, nanoseconds.
         seq: of the message.
         frame_id: of the message.
         seed: of explainers that sample; each starts from it, so that a method says the same whoever is asked beside it.
 
     Raises:
-        ConfigError: no such explainer.
+        ConfigError: no such explainer, or ``layout`` of a place other than the published one.
         GraphError: the query was not embedded.
 
     """
-    methods = list(EXPLAINERS) if methods is None else methods
-    check_methods(methods)
+    tested = located.evidence is not None and located.best_row == row
+    methods = list(EXPLAINERS) + [LAYOUT] * tested if methods is None else list(methods)
+    check_asked(methods)
+    if LAYOUT in methods and not tested:
+        raise ConfigError("expected layout asked of the published place, which was put to the test (got another one)")
     loaded, query = located.map, located.query
     if query.batch is None or query.encoded is None:
         raise GraphError(f"expected a query to explain (got none: {query.reason})")
@@ -147,6 +156,9 @@ def explain_pair(
     question = SimilarityQuery.from_encoder(encoder, query.batch, target, names, query.encoded)
     said = []
     for method in methods:
+        if method == LAYOUT:
+            said.append(layout_attributions(located)[0])
+            continue
         scores = explain(question, method, np.random.default_rng(seed))
         said.append(
             MethodAttributions(

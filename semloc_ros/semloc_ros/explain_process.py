@@ -30,6 +30,7 @@ from semloc_core.config import LocaliserConfig
 from semloc_core.errors import SemlocError
 from semloc_core.explain.answered import explain_answer
 from semloc_core.explain.pair import answer_query
+from semloc_core.layout.evidence import Evidence
 from semloc_core.localiser import Located, Query
 from semloc_core.map_database import LoadedMap
 
@@ -48,6 +49,7 @@ class Question:
     best_row: int | None
     config: LocaliserConfig
     request: wire.ExplainRequest | None = None
+    evidence: Evidence | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +66,7 @@ def reply_to(question: Question, loaded: LoadedMap) -> Reply:
     """Explain."""
     try:
         message: wire.ClassAttributions | wire.Explanation
-        located = Located(question.query, question.matches, loaded, question.best_row)
+        located = Located(question.query, question.matches, loaded, question.best_row, question.evidence)
         if question.request is None:
             message = explain_answer(located, question.config)
         else:

@@ -258,7 +258,15 @@ class Explaining:
         self._numbers += 1
         job.asked, self._job = time.monotonic(), job
         located = job.located
-        question = Question(self._numbers, located.query, located.matches, located.best_row, job.config, job.request)
+        question = Question(
+            self._numbers,
+            located.query,
+            located.matches,
+            located.best_row,
+            job.config,
+            job.request,
+            located.evidence,
+        )
         try:
             if self._map_sent != located.map.hash:
                 self._connection.send_bytes(pickle.dumps(located.map))

@@ -9,6 +9,7 @@ from semloc_core.config import LocaliserConfig, options
 from semloc_core.explain import ObjectScores, class_scores
 from semloc_core.explain.explainers import EXPLAINERS
 from semloc_core.explain.fidelity import BUDGET
+from semloc_core.explain.layout_scores import LAYOUT
 from semloc_core.localiser import Localiser
 
 
@@ -20,7 +21,7 @@ def home(request, tmp_path_factory):
 
 def test_every_explainer_can_be_configured():
     (option,) = [option for option in options(LocaliserConfig) if option.name == "explainer"]
-    assert set(option.choices) == set(EXPLAINERS)
+    assert set(option.choices) == {*EXPLAINERS, LAYOUT}
     assert option.default == "attention"
 
 

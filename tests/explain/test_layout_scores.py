@@ -1,0 +1,89 @@
+"""The test by layout taken apart: exactly what was added up, and what is missing speaks against a class."""
+
+import pytest
+from small_building import building_update, make_map, make_model
+
+from semloc_core import wire
+from semloc_core.config import LocaliserConfig
+from semloc_core.errors import ConfigError, SemlocError
+from semloc_core.explain.explainers import EXPLAINERS
+from semloc_core.explain.pair import explain_pair
+from semloc_core.localiser import Localiser
+
+
+@pytest.fixture(scope="module")
+def loaded(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("maps")
+    homes = {"home": building_update(), "other": building_update(seed=1)}
+    return make_map(folder / "two.map", make_model("rings"), **homes)
+
+
+def update_without(class_):
+    """The robot at home, which sees nothing of one class."""
+    whole = building_update()
+    gone = {item.id for item in whole.objects if item.class_ == class_}
+    return wire.SceneGraphUpdate(
+        **{name: getattr(whole, name) for name in whole.__struct_fields__ if name not in ("objects", "edges")},
+        objects=[item for item in whole.objects if item.id not in gone],
+        edges=[edge for edge in whole.edges if not gone & set(edge)],
+    )
+
+
+def localised(loaded, update, **options):
+    localiser = Localiser(loaded, LocaliserConfig(explainer="layout", explain_rate_hz=1000, **options))
+    return localiser, localiser.update(update)
+
+
+def test_the_parts_are_the_score(loaded):
+    _, result = localised(loaded, building_update())
+    said, evidence = result.attributions, result.located.evidence
+    assert said.method == "layout"
+    assert (said.match_map, said.match_place) == (result.matches.matches[0].map, result.matches.matches[0].place)
+    assert sum(of.score for of in said.classes) + said.unattributed == pytest.approx(evidence.score, abs=1e-5)
+    assert said.completeness_gap == pytest.approx(0.0, abs=1e-5)
+    assert sum(of.share for of in said.classes) == pytest.approx(1.0)
+    assert [of.share for of in said.classes] == sorted((of.share for of in said.classes), reverse=True)
+    assert [of.score for of in said.objects] == sorted((of.score for of in said.objects), reverse=True)
+    assert all(of.score >= 0 for of in said.objects)
+    assert sum(of.instances for of in said.classes) == len(said.objects)
+    assert said.fidelity is None
+
+
+def test_what_should_have_been_seen_and_was_not_speaks_against(loaded):
+    without = localised(loaded, update_without("chair"))[1].attributions
+    (said,) = (of for of in without.classes if of.class_ == "chair")
+    assert said.score < 0
+    assert said.instances == 0
+    assert "chair" not in {of.class_ for of in without.objects}
+
+
+def test_a_pair_has_it_for_the_published_place_only(loaded):
+    localiser, result = localised(loaded, building_update())
+    located = localiser.ask()
+    names = [said.method for said in explain_pair(located, located.best_row).methods]
+    assert names[-1] == "layout"
+    assert len(names) == len(EXPLAINERS) + 1
+    other = (located.best_row + 7) % loaded.n_places
+    assert "layout" not in {said.method for said in explain_pair(located, other).methods}
+    with pytest.raises(ConfigError, match="published place"):
+        explain_pair(located, other, methods=["layout"])
+    only = explain_pair(located, located.best_row, methods=["layout"])
+    assert only.methods[0].classes == result.attributions.classes
+
+
+def test_without_the_test_there_is_nothing_to_take_apart(loaded):
+    localiser = Localiser(loaded, LocaliserConfig(explainer="layout", rerank="none", explain_rate_hz=0))
+    located = localiser.update(building_update()).located
+    with pytest.raises(SemlocError, match="put to the test by layout"):
+        localiser.explain(located)
+
+
+def test_the_order_of_a_message_has_no_say(loaded):
+    update = building_update()
+    turned = wire.SceneGraphUpdate(
+        **{name: getattr(update, name) for name in update.__struct_fields__ if name not in ("objects", "places")},
+        objects=update.objects[::-1],
+        places=update.places[::-1],
+    )
+    texts = [wire.encode(localised(loaded, one)[1].attributions) for one in (update, turned)]
+    assert texts[0] == texts[1]
