@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from semloc_core.answer import Localisation, Located, Query, ServerState, matches_of
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
 from semloc_core.explain.answered import EXPLAINER_SEED, explain_answer
+from semloc_core.explain.layout_scores import LAYOUT
 from semloc_core.filter_model import MapModel
 from semloc_core.map_database import LoadedMap
 from semloc_core.name_counter import NameCounter
@@ -301,6 +302,8 @@ class Localiser:
         rate = self.config.explain_rate_hz
         if located.best_row is None or rate <= 0:
             return False
+        if self.config.explainer == LAYOUT and located.evidence is None:
+            return False  # the place was not put to the test that is to be explained
         now, last = located.query.stamp_ns, self._explained_ns
         # Half a millisecond of grace: stamps of a steady stream jitter by rounding.
         if last is not None and last <= now < last + 1e9 / rate - 5e5:

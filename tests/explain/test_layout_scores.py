@@ -76,6 +76,8 @@ def test_without_the_test_there_is_nothing_to_take_apart(loaded):
     located = localiser.update(building_update()).located
     with pytest.raises(SemlocError, match="put to the test by layout"):
         localiser.explain(located)
+    busy = Localiser(loaded, LocaliserConfig(explainer="layout", rerank="none", explain_rate_hz=1000))
+    assert busy.update(building_update()).attributions is None  # and no error
 
 
 def test_the_order_of_a_message_has_no_say(loaded):
