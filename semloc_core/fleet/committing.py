@@ -8,40 +8,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 from semloc_core.errors import MapError
 from semloc_core.fleet import layout
-from semloc_core.fleet.reading import State, read_map_row, read_pointers
+from semloc_core.fleet.conflicts import Draft, check_unchanged
+from semloc_core.fleet.reading import State, state_now
 from semloc_core.fleet.rows import FORMAT_VERSION, MapRow, Pointer, Row, blob_rows, integer, pack, place_rows
 from semloc_core.fleet.server import Server
-from semloc_core.map_database.loaded import StoredBuilding
-from semloc_core.map_database.records import PlaceRows
 from semloc_core.map_database.schema import MAX_BLOB_BYTES
 from semloc_core.model import Model
 
 _RENEW_S = 30.0
 _BYTES_AT_ONCE = 4 * 2**20
 _ROWS_AT_ONCE = 4096
-
-
-@dataclass(frozen=True)
-class Draft:
-    """A building that is to be written.
-
-    Args:
-        stored: it.
-        places: its places.
-        base: generation that it was made from, which must be the current one still when it is written; None: it
-            takes the place of whatever is there.
-        new: there must be no building of that name.
-
-    """
-
-    stored: StoredBuilding
-    places: PlaceRows
-    base: int | None = None
-    new: bool = False
 
 
 def map_row(model: Model, data: bytes) -> MapRow:
@@ -102,44 +81,17 @@ def commit(
         upload.put(layout.blobs(name), blob_rows(generation, "history", draft.stored.history))
         upload.put(layout.places(name, of_map.dimension), place_rows(generation, draft.places))
         flip.append(_catalogue_row(key, generation, pointer))
-    upload.finish(_check_unchanged(server, name, before, drafts, row is None) if before is not None else set())
+    replaced: set[int] = set()
+    if before is not None:
+        now = state_now(server, name, before)
+        check_unchanged(before, now, drafts, rebuilt=row is not None)
+        replaced = {now.pointers[building][0] for building in drafts if building in now.pointers}
+        if row is not None:
+            replaced.add(now.model_generation)
+    upload.finish(replaced)
     flip.append(_catalogue_row(layout.CHANGE, layout.new_generation(), ""))
     for part in _parts(flip):
         server.upsert(layout.catalogue(name), part)
-
-
-def _check_unchanged(
-    server: Server, name: str, before: State, drafts: Mapping[str, Draft | None], same: bool
-) -> set[int]:
-    """Refuse to write over what another writer did meanwhile, where the drafts build on what was before.
-
-    Args:
-        server: where.
-        name: the map's.
-        before: what the drafts were made from.
-        drafts: by building.
-        same: whether the map's model stays.
-
-    Returns:
-        Generations that nothing will point to any more.
-
-    """
-    model_generation, row = read_map_row(server, name)
-    if same and row.model_hash != before.map_row.model_hash:
-        was, is_now = before.map_row.model_hash[:12], row.model_hash[:12]
-        raise MapError(f"expected a map made with model {was} (got {is_now}: another writer built it anew meanwhile)")
-    keys = {layout.building_key(building): building for building in drafts}
-    current = {}
-    for key, (generation, pointer) in read_pointers(server, name, sorted(keys)).items():
-        if not pointer.removed and pointer.model == row.model_hash:
-            current[keys[key]] = generation
-    for building, draft in drafts.items():
-        if draft is not None and draft.new and building in current:
-            raise MapError(f"expected a building that the map does not have (got {building!r})")
-        if draft is not None and draft.base is not None and current.get(building) != draft.base:
-            advice = "which another writer changed meanwhile: try again"
-            raise MapError(f"expected a building that is as it was read (got {building!r}, {advice})")
-    return {*current.values(), *(() if same else (model_generation,))}
 
 
 def _tombstone(pointer: Pointer) -> Pointer:

@@ -18,10 +18,11 @@ from numpy.typing import ArrayLike
 from semloc_core.errors import MapError
 from semloc_core.fleet import layout
 from semloc_core.fleet.address import MilvusAddress
-from semloc_core.fleet.committing import Draft, commit
+from semloc_core.fleet.committing import commit
+from semloc_core.fleet.conflicts import Draft
 from semloc_core.fleet.creating import has_map, make_collections
 from semloc_core.fleet.opened import OpenedMap
-from semloc_core.fleet.reading import no_map, read_state
+from semloc_core.fleet.reading import no_map, state_now
 from semloc_core.fleet.server import Server
 from semloc_core.fleet.sweeping import GRACE_S, sweep
 from semloc_core.map_database.history import History, pack_history
@@ -139,7 +140,7 @@ class FleetDatabase(OpenedMap):
             finally:
                 self._depth -= 1
             return
-        self._last, self._stale = read_state(self._server, self.name, self._last), False
+        self._last, self._stale = state_now(self._server, self.name, self._last), False
         self._depth = 1
         try:
             yield

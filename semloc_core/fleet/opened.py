@@ -6,8 +6,8 @@ from collections import OrderedDict
 from collections.abc import Mapping
 
 from semloc_core.errors import MapError
-from semloc_core.fleet.committing import Draft
-from semloc_core.fleet.reading import State, read_building, read_model, read_state
+from semloc_core.fleet.conflicts import Draft
+from semloc_core.fleet.reading import State, read_building, read_model, read_state, state_now
 from semloc_core.fleet.server import Server
 from semloc_core.map_database.history import ClassChange, History, unpack_history
 from semloc_core.map_database.loaded import StoredBuilding
@@ -90,7 +90,7 @@ class OpenedMap:
     def _state(self) -> State:
         """The map as it was when the transaction began, or is after it."""
         if self._stale:
-            self._last = read_state(self._server, self.name, self._last)
+            self._last = state_now(self._server, self.name, self._last)
             self._stale = False
         return self._last
 

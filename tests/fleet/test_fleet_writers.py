@@ -20,6 +20,7 @@ from semloc_core.fleet.database import FleetDatabase
 from semloc_core.fleet.milvus_source import MilvusSource
 from semloc_core.fleet.server import Server
 from semloc_core.map_database import MapDatabase, load
+from semloc_core.map_database.history import ClassChange, History, Traversal
 
 ROUNDS = int(os.environ.get("SEMLOC_SOAK", "0")) or 15  # set by `make soak`
 
@@ -192,6 +193,43 @@ def test_what_builds_on_what_was_read_is_refused_when_that_has_changed(empty: Mi
         both_at_once(lambda: one.replace_building("home", *both[0]), lambda: two.remove_building("home"))
         assert which(source.fetch("home"), both) == 0
         source.close()
+
+
+def test_all_buildings_are_embedded_with_the_same_weights_of_classes(empty: MilvusAddress) -> None:
+    """A merge changes what a class weighs in all buildings, those that another writer adds meanwhile included."""
+    model = make_model()
+    taught = History(
+        traversals=(Traversal("x", 0.0, (0.0, 0.0, 0.0), 0.0, 1, 1, 0, 0, 0, 0),),
+        classes={"chair": ClassChange(1.0, 5.0)},
+    )
+    graph, _, positions, embeddings = variants(model)[0]
+    with FleetDatabase.open(empty) as one, FleetDatabase.open(empty) as two:
+        one.add_building("home", *variants(model)[0])
+        one.add_building("other", *variants(model)[1])
+
+        def add_while_another_merges() -> None:
+            with one.transaction():
+                one.add_building("late", *make_building(model, 5))
+                two.revise_building("home", graph, positions, embeddings, taught)
+
+        with pytest.raises(MapError, match="another writer merged meanwhile: try again"):
+            add_while_another_merges()
+        one.add_building("late", *make_building(model, 5))
+
+        def merge_while_another_adds() -> None:
+            with one.transaction():
+                one.revise_building("home", graph, positions, embeddings, History())
+                two.add_building("later", *make_building(model, 5))
+
+        with pytest.raises(MapError, match="'later', which another writer added meanwhile"):
+            merge_while_another_adds()
+        # What no weight depends on goes on side by side.
+        with one.transaction():
+            one.replace_building("other", *variants(model)[0])
+            two.remove_building("late")
+            two.add_building("latest", *make_building(model, 5))
+        one.refresh()
+        assert one.buildings == ("home", "later", "latest", "other")
 
 
 def test_a_map_built_anew_with_another_model_refuses_the_late(empty: MilvusAddress) -> None:
