@@ -1,6 +1,7 @@
 """The command line from a graph file to an explained answer, and what it says to bad input: one line, exit 2."""
 
 import json
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -102,11 +103,19 @@ def test_from_graph_to_explained_answer(semloc, office, map_file, run, tmp_path)
 def test_a_place_is_asked_about_by_id_by_point_or_as_where_the_run_ends(semloc, office, map_file, run):
     by_point = semloc("explain", map_file, office, "--near", "3,4", "--methods", "attention")
     assert by_point.code == 0, by_point.err
-    place = by_point.out.split()[1].rstrip(":")
+    place = by_point.out.split("asked: place ")[1].split()[0]
+    assert re.search(r", \d+\.\d\d m from 3,4$", by_point.out, re.MULTILINE), by_point.out
     by_id = semloc("explain", map_file, office, "--query", place, "--methods", "attention")
-    assert by_id.out == by_point.out
+    assert re.sub(r", .{4,6} m from 3,4", "", by_point.out) == by_id.out
     assert semloc("explain", map_file, run, "--methods", "attention").code == 0
-    for words in ((), ("--near", "here"), ("--near", "1"), ("--near", "nan,0"), ("--near", "1,2", "--query", place)):
+    for words in (
+        (),
+        ("--near", "here"),
+        ("--near", "1"),
+        ("--near", "nan,0"),
+        ("--near", "1,2", "--query", place),
+        ("--near", "-300,4"),
+    ):
         assert semloc("explain", map_file, office, *words).code == 2, words
 
 

@@ -1,0 +1,148 @@
+"""What ``semloc explain`` prints: what the answer is, where, why, and what if things were otherwise."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+from rich.table import Table
+
+from semloc_core.cli.screen import console, print_whole
+from semloc_core.messages import Counterfactual, Explanation, MethodAttributions, PlaceMatches, WhyNot
+
+CLASSES = 8
+"""Classes printed at most; the JSON has all."""
+UNSIGNED = ("attention", "saliency")
+
+
+def head(word: str, rest: str) -> None:
+    """The first line of a part."""
+    console.print(f"[bold]{word:8s}[/bold] {rest}", highlight=False)
+
+
+def line(text: str) -> None:
+    """A further line of a part."""
+    console.print(f"{'':8s} {text}", markup=False, highlight=False)
+
+
+def print_answer(matches: PlaceMatches, asked: str, reason: str) -> None:
+    """What and where: the best place, the place that was asked about, and all places of the answer."""
+    if not matches.matches:
+        head("WHAT", f"{matches.status}: {reason or 'no place of the map'}")
+        head("WHERE", asked)
+        return
+    best = matches.matches[0]
+    head(
+        "WHAT",
+        f"{matches.status}: {best.map}, place {best.place}, probability {best.probability:.3f}"
+        f"{'' if matches.calibrated else ' (not calibrated)'}{f'; {reason}' if reason else ''}",
+    )
+    head("WHERE", asked)
+    table = _columns(("rank", "right"), ("building", "left"), ("place", "left"), ("at (m)", "left"))
+    for name in ("similarity", "probability"):
+        table.add_column(name, justify="right")
+    for match in matches.matches:
+        x, y, z = match.position
+        at = f"({x:.2f}, {y:.2f}, {z:.2f})"
+        figures = (f"{match.similarity:.4f}", f"{match.probability:.3f}")
+        table.add_row("", str(match.rank), match.map, match.place, at, *figures)
+    print_whole(table, console)
+
+
+def print_explanation(explanation: Explanation) -> None:
+    """Why: the classes by each explainer; why not the top match; and what if objects were not there."""
+    of = f"{explanation.match_map}, place {explanation.match_place} (similarity {explanation.similarity:.4f})"
+    order = sorted(explanation.methods, key=lambda said: -(said.fidelity.characterisation if said.fidelity else -1.0))
+    if order and order[0].classes:
+        _print_methods(order, of)
+    else:
+        head("WHY", f"{of}: no object counted")
+    if explanation.why_not is not None:
+        _print_why_not(explanation.why_not, explanation.similarity)
+    _print_what_if(order, explanation.counterfactual)
+
+
+def _print_methods(order: Sequence[MethodAttributions], of: str) -> None:
+    best = order[0]
+    most = ", ".join(f"{found.class_} {math.copysign(found.share, found.score):.0%}" for found in best.classes[:4])
+    head("WHY", f"{most}: so says {best.method}, {_rank_of(order)}")
+    line(of)
+    table = _columns(("class", "left"), ("objects", "right"))
+    for said in order:
+        table.add_column(said.method.replace("_", "\n"), justify="right")
+    shares = [{of.class_: math.copysign(of.share, of.score) for of in said.classes} for said in order]
+    for found in best.classes[:CLASSES]:
+        cells = [f"{share[found.class_]:.1%}" if found.class_ in share else "–" for share in shares]
+        table.add_row("", found.class_, str(found.instances), *cells)
+    if best.fidelity is not None:
+        held = [f"{said.fidelity.characterisation:.3f}" if said.fidelity else "–" for said in order]
+        table.add_section()
+        table.add_row("", "faithful", "", *held)
+    print_whole(table, console)
+    if len(best.classes) > CLASSES:
+        line(f"of {len(best.classes)} classes the {CLASSES} largest")
+    line("share of each class; below zero: speaks against this place")
+    if best.fidelity is not None:
+        line("faithful: characterisation score, what an explainer holds when put to the test (0 to 1)")
+    if len(order) > 1:
+        _print_leader(order)
+    if unsigned := [said.method for said in order if said.method in UNSIGNED]:
+        line(f"{' and '.join(unsigned)}: no sign; what counted, for this place or against it")
+    if any(said.method == "class_shapley" for said in order):
+        line("class_shapley: exact for classes, but tells no two objects of a class apart")
+    if any(said.method == "layout" for said in order):
+        line("layout: what the test by layout rests on; the others explain the similarity")
+
+
+def _print_leader(order: Sequence[MethodAttributions]) -> None:
+    leader, count = Counter(said.classes[0].class_ for said in order if said.classes).most_common(1)[0]
+    line(f"{count} of {len(order)} put {leader} first")
+
+
+def _rank_of(order: Sequence[MethodAttributions]) -> str:
+    if len(order) == 1:
+        return "the only explainer asked"
+    return f"the most faithful of {len(order)} explainers" if order[0].fidelity else f"first of {len(order)} explainers"
+
+
+def _print_why_not(other: WhyNot, similarity: float | None) -> None:
+    head("WHY NOT", f"it is number {other.rank}, behind {other.map}, place {other.place}")
+    line(f"(similarity {other.similarity:.4f})")
+    if similarity is not None and similarity > other.similarity:
+        line("it is the more similar of the two: what put it behind is how the objects lie")
+    for contrast in other.classes:
+        line(f"{contrast.score:+.4f}  {contrast.class_}: for {'this place' if contrast.score > 0 else 'the top match'}")
+
+
+def _print_what_if(order: Sequence[MethodAttributions], found: Counterfactual | None) -> None:
+    said = []
+    if order and (fidelity := order[0].fidelity) is not None and order[0].classes:
+        put = f"the {fidelity.budget:.0%} of the objects that {order[0].method} puts first"
+        said.append(f"without {put}")
+        said.append(f"  the similarity, on a scale from 0 to 1, changes by {fidelity.necessity:.3f}")
+        said.append(f"with them alone, by {fidelity.sufficiency:.3f}")
+    if found is not None and found.removed:
+        said.append(f"without {_removed([(item.class_, item.id) for item in found.removed])}")
+        said.append(f"  the top match by similarity alone is {found.map}, place {found.place} ({found.similarity:.4f})")
+    elif found is not None:
+        said.append("no removal of objects that was tried changes the top match by similarity")
+    for number, text in enumerate(said):
+        (line if number else lambda words: head("WHAT IF", words))(text)
+
+
+def _columns(*names: tuple[str, str]) -> Table:
+    """A table without a frame, as far to the right as the lines of a part."""
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=True, header_style="dim")
+    table.add_column("", width=7)
+    for name, justify in names:
+        table.add_column(name, justify="right" if justify == "right" else "left")
+    return table
+
+
+def _removed(objects: list[tuple[str, str]]) -> str:
+    """A few objects by name, many by number of each class."""
+    if len(objects) <= 3:
+        return ", ".join(f"{class_} {id_}" for class_, id_ in objects)
+    counts = Counter(class_ for class_, _ in objects)
+    return ", ".join(f"{count} × {class_}" for class_, count in sorted(counts.items()))

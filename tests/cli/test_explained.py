@@ -1,0 +1,158 @@
+"""What `semloc explain` prints: which place is meant, how far it is, and every fact in its part."""
+
+import pytest
+
+from semloc_core.cli.explain import _nearest
+from semloc_core.cli.explained import print_answer, print_explanation
+from semloc_core.errors import GraphError
+from semloc_core.messages import (
+    ClassAttribution,
+    ClassContrast,
+    Counterfactual,
+    Explanation,
+    Fidelity,
+    Match,
+    MethodAttributions,
+    ObjectName,
+    PlaceMatches,
+    WhyNot,
+)
+from semloc_core.scene_graph import SceneGraph
+
+GRAPH = SceneGraph(places={"a": (0.0, 0.0, 0.0), "b": (3.0, 0.0, 2.0)}, neighbours={"a": {}, "b": {}})
+
+
+def test_the_nearest_place_is_said_to_be_as_far_as_it_is() -> None:
+    assert _nearest(GRAPH, "2,1", 4.0) == ("b", ", 1.41 m from 2,1"), "without a height, in the plane"
+    assert _nearest(GRAPH, "2,1,0", 4.0) == ("a", ", 2.24 m from 2,1,0")
+
+
+def test_a_point_far_from_every_place_is_refused_unless_that_is_allowed() -> None:
+    with pytest.raises(
+        GraphError, match=r"within 4 m of --near 30,4 \(got 27.3 m to b at \(3.00, 0.00, 2.00\); --within"
+    ):
+        _nearest(GRAPH, "30,4", 4.0)
+    assert _nearest(GRAPH, "30,4", 28.0)[0] == "b"
+
+
+def match(rank: int, place: str, similarity: float) -> Match:
+    return Match(rank=rank, map="office", place=place, position=(1.0, 2.0, 3.0), similarity=similarity, probability=0.8)
+
+
+def answer(status: str = "match", matches: int = 2, calibrated: bool = True) -> PlaceMatches:
+    return PlaceMatches(
+        schema="semloc/place_matches/1",
+        stamp_ns=0,
+        frame_id="map",
+        seq=0,
+        query_place="q",
+        status=status,
+        matches=[match(i + 1, f"p{i}", 0.9 - i / 10) for i in range(matches)],
+        raw_matches=None,
+        rivals=[],
+        map=None,
+        model=None,
+        calibrated=calibrated,
+        latency_ms=None,
+    )
+
+
+def method(name: str, faithful: float | None, *shares: float) -> MethodAttributions:
+    names = [f"class {i}" for i in range(len(shares))]
+    return MethodAttributions(
+        method=name,
+        classes=[ClassAttribution(n, s, abs(s), 3 + i) for i, (n, s) in enumerate(zip(names, shares, strict=True))],
+        objects=[],
+        fidelity=Fidelity(0.21, 0.07, faithful, 0.3) if faithful is not None else None,
+        completeness_gap=None,
+    )
+
+
+def explanation(*methods: MethodAttributions, **more: object) -> Explanation:
+    return Explanation(
+        schema="semloc/explanation/1",
+        stamp_ns=0,
+        frame_id="map",
+        seq=0,
+        query_place="q",
+        match_map="office",
+        match_place="p0",
+        similarity=0.9,
+        methods=list(methods),
+        **more,
+    )
+
+
+def test_what_and_where_come_first(capsys) -> None:
+    print_answer(answer(), "asked: place q", "")
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "WHAT     match: office, place p0, probability 0.800"
+    assert lines[1] == "WHERE    asked: place q"
+    assert [line.split()[:3] for line in lines[3:]] == [["1", "office", "p0"], ["2", "office", "p1"]]
+    assert "0.9000" in lines[3]
+    print_answer(answer(calibrated=False), "asked: place q", "")
+    assert "(not calibrated)" in capsys.readouterr().out
+
+
+def test_nothing_found_is_said_with_its_reason(capsys) -> None:
+    print_answer(answer("unknown", 0), "asked: place q", "no object in reach")
+    assert capsys.readouterr().out == "WHAT     unknown: no object in reach\nWHERE    asked: place q\n"
+
+
+def test_why_lists_every_explainer_the_most_faithful_first_with_all_facts(capsys) -> None:
+    print_explanation(explanation(method("saliency", 0.1, 0.7, -0.3), method("class_shapley", 0.3, 0.6, 0.4)))
+    out = capsys.readouterr().out
+    assert out.startswith(
+        "WHY      class 0 60%, class 1 40%: so says class_shapley, the most faithful of 2 explainers\n"
+    )
+    rows = {line[9:16]: line.split()[2:] for line in out.splitlines() if line[9:14] == "class"}
+    assert rows["class 0"] == ["3", "60.0%", "70.0%"]
+    assert rows["class 1"] == ["4", "40.0%", "-30.0%"]
+    for fact in (
+        "0.300  ",
+        "0.100",
+        "2 of 2 put class 0 first",
+        "saliency: no sign",
+        "class_shapley: exact for classes",
+    ):
+        assert fact in out, fact
+    assert "WHAT IF  without the 30% of the objects that class_shapley puts first" in out
+    assert "changes by 0.210" in out
+    assert "with them alone, by 0.070" in out
+
+
+def test_many_classes_are_cut_to_the_largest_and_that_is_said(capsys) -> None:
+    print_explanation(explanation(method("attention", 0.1, *[0.1] * 10)))
+    out = capsys.readouterr().out
+    assert "of 10 classes the 8 largest" in out
+    assert "class 7" in out
+    assert "class 8 " not in out
+    assert "only explainer asked" in out
+    assert "put class 0 first" not in out, "one alone agrees with nobody"
+
+
+def test_why_not_and_what_if_keep_what_is_known(capsys) -> None:
+    print_explanation(
+        explanation(
+            method("layout", None, 1.0),
+            why_not=WhyNot("office", "p9", 0.4, 7, [ClassContrast("chair", 0.25), ClassContrast("couch", -0.125)]),
+            counterfactual=Counterfactual([ObjectName("o1", "chair")], "office", "p5", 0.5),
+        )
+    )
+    out = capsys.readouterr().out
+    assert "WHY NOT  it is number 7, behind office, place p9\n" in out
+    assert "the more similar of the two: what put it behind is how the objects lie" in out
+    assert "+0.2500  chair: for this place" in out
+    assert "-0.1250  couch: for the top match" in out
+    assert "WHAT IF  without chair o1\n" in out
+    assert "the top match by similarity alone is office, place p5 (0.5000)" in out
+
+
+def test_no_figure_is_cut_off_on_a_narrow_screen(capsys, monkeypatch) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    print_answer(answer(), "asked: place q", "")
+    print_explanation(explanation(*(method(f"explainer_{i}", 0.5, 0.123, 0.877) for i in range(6))))
+    out = capsys.readouterr().out
+    assert "…" not in out
+    assert out.count("12.3%") == 6
+    assert "(1.00, 2.00, 3.00)      0.9000        0.800" in out
