@@ -7,7 +7,8 @@ only, and from one out of reach at the radius itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import math
+from collections.abc import Callable, Collection, Iterable, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -138,9 +139,9 @@ class Visibility:
         for place in self._balls.pop(source):
             self._unreach(place, source)
 
-    def _refresh(self, object_: str, places: Iterable[str]) -> set[str]:
+    def _refresh(self, object_: str, places: Collection[str]) -> set[str]:
         """Set the object's distance anew at these places; returns those where it changed."""
-        nearest = self._nearest(object_)
+        nearest = self._nearest(object_, places)
         sightings = self.graph.sightings.get(object_)
         row = self._places.setdefault(object_, {})
         changed: set[str] = set()
@@ -164,12 +165,19 @@ class Visibility:
             del self._places[object_]
         return changed
 
-    def _nearest(self, object_: str) -> Callable[[str], float | None]:
-        """Distance of a place from the nearest of the object's parents, None where out of reach."""
+    def _nearest(self, object_: str, places: Collection[str]) -> Callable[[str], float | None]:
+        """Distance of each of these places from the nearest of the object's parents, None where out of reach."""
         balls = [self._balls[source] for source in self._sources.get(object_, ()) if source in self._balls]
         if len(balls) == 1:
             return balls[0].get
-        return lambda place: min((each[place] for each in balls if place in each), default=None)
+        if len(balls) * len(places) <= sum(map(len, balls)):
+            return lambda place: min((each[place] for each in balls if place in each), default=None)
+        nearest: dict[str, float] = {}
+        for each in balls:
+            for place, metres in each.items():
+                if metres < nearest.get(place, math.inf):
+                    nearest[place] = metres
+        return nearest.get
 
 
 def visible_pairs(arrays: GraphArrays, radius_m: float) -> tuple[Ints, Floats]:

@@ -15,7 +15,7 @@ def write_whole(path: str | Path, data: bytes) -> None:
         OSError: it can't be written; a file that was there before is as it was.
 
     """
-    target = Path(path).resolve()
+    target = Path(os.path.realpath(path))  # not Path.resolve, which knows no way out of a loop of links
     if target.exists() and not target.is_file():
         target.write_bytes(data)
         return

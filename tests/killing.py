@@ -7,6 +7,7 @@ import os
 import signal
 import time
 from collections.abc import Callable
+from typing import Any
 
 
 def run_and_kill(work: Callable[[int], None], seconds: float) -> list[str]:
@@ -25,3 +26,16 @@ def run_and_kill(work: Callable[[int], None], seconds: float) -> list[str]:
         said = file.read()
     assert child.exitcode == -signal.SIGKILL, "the work ended or failed before it could be killed"
     return said.splitlines()
+
+
+def in_a_child(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """What ``work`` returns, done by a process of its own."""
+    ours, theirs = multiprocessing.get_context("fork").Pipe(duplex=False)
+    child = multiprocessing.get_context("fork").Process(target=lambda: theirs.send(work()))
+    child.start()
+    theirs.close()
+    try:
+        found: dict[str, Any] = ours.recv()
+    finally:
+        child.join()
+    return found

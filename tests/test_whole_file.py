@@ -45,6 +45,9 @@ def test_a_link_stays_a_link(tmp_path):
     write_whole(tmp_path / "link", b"one")
     assert (tmp_path / "target").read_bytes() == b"one"
     assert (tmp_path / "link").is_symlink()
+    (tmp_path / "loop").symlink_to("loop")
+    write_whole(tmp_path / "loop", b"two")
+    assert (tmp_path / "loop").read_bytes() == b"two"
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")

@@ -207,8 +207,8 @@ def _connect_to_read(path: Path) -> tuple[sqlite3.Connection, bool]:
 
     Opened to read and write all the same: a connection opened read-only could not tidy up when it is the last.
     """
-    log = Path(f"{path.resolve()}-wal")
     connection = _connect(path)
+    log = Path(f"{path.resolve()}-wal")
     if not log.exists() and _crowded(path):
         connection.close()
         return _connect(path, "&immutable=1"), True
