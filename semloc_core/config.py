@@ -5,6 +5,7 @@ Command line and node derive their options and parameters from here.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import msgspec
@@ -120,4 +121,19 @@ def checked(struct: type[Any], **values: Any) -> Any:
     try:
         return msgspec.convert(values, struct, strict=True)
     except msgspec.ValidationError as error:
-        raise ConfigError(str(error)) from error
+        raise ConfigError(_why_not(struct, values, str(error))) from error
+
+
+def _why_not(struct: type[Any], values: Mapping[str, Any], error: str) -> str:
+    """What was expected of which option; the library's words where they name none."""
+    name = error.rpartition("`$.")[2].rstrip("`") if "`$." in error else ""
+    option = next((option for option in options(struct) if option.name == name), None)
+    if option is None or name not in values:
+        return error
+    got = f"(got {str(values[name])[:80]!r})"
+    if option.choices:
+        return f"expected {name} to be one of {', '.join(option.choices)} {got}"
+    bounds = [f"at least {option.minimum:g}"] if option.minimum is not None else []
+    bounds += [f"at most {option.maximum:g}"] if option.maximum is not None else []
+    kind = {float: "a number", int: "a whole number", bool: "true or false", str: "text"}.get(option.type, "a list")
+    return f"expected {name} to be {' of '.join([kind, *filter(None, [' and '.join(bounds)])])} {got}"

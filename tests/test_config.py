@@ -27,5 +27,14 @@ def test_every_option_is_described_and_its_default_is_valid():
     ],
 )
 def test_out_of_range_is_refused(name, value):
-    with pytest.raises(ConfigError):
+    with pytest.raises(ConfigError, match=name):
         checked(LocaliserConfig, **{name: value})
+
+
+def test_the_line_says_what_was_expected_and_what_came():
+    with pytest.raises(ConfigError, match=r"^expected rerank to be one of none, layout \(got 'both'\)$"):
+        checked(LocaliserConfig, rerank="both")
+    with pytest.raises(
+        ConfigError, match=r"^expected top_n to be a whole number of at least 1 and at most 100 \(got '0'\)$"
+    ):
+        checked(LocaliserConfig, top_n=0)

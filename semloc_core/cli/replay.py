@@ -25,6 +25,7 @@ def replay(
     ] = None,
     topic: Annotated[str, typer.Option(help="Topic of the scene-graph updates.")] = "/scene_graph",
     top_n: Annotated[int, typer.Option(help=_HELP["top_n"])] = _DEFAULT.top_n,
+    explainer: Annotated[str, typer.Option(metavar="NAME", help=_HELP["explainer"])] = _DEFAULT.explainer,
     explain_rate_hz: Annotated[float, typer.Option(help=_HELP["explain_rate_hz"])] = _DEFAULT.explain_rate_hz,
     accept_probability: Annotated[float, typer.Option(help=_HELP["accept_probability"])] = _DEFAULT.accept_probability,
     rerank: Annotated[str, typer.Option("--rerank", metavar="none|layout", help=_HELP["rerank"])] = _DEFAULT.rerank,
@@ -51,6 +52,7 @@ def replay(
     config = checked(
         LocaliserConfig,
         top_n=top_n,
+        explainer=explainer,
         explain_rate_hz=explain_rate_hz,
         accept_probability=accept_probability,
         rerank=rerank,

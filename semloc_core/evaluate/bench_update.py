@@ -23,7 +23,6 @@ from semloc_core.evaluate.rows import Progress, Row, no_progress
 from semloc_core.explain.explainers import explain
 from semloc_core.explain.similarity import SimilarityQuery
 from semloc_core.localiser import Localiser
-from semloc_core.place_graph import extract
 
 T = TypeVar("T")
 
@@ -92,26 +91,33 @@ def _one_update(localiser: Localiser, peer: Peer, text: bytes) -> dict[str, tupl
         took[name] = (time.perf_counter() - wall, time.thread_time() - own)
         return result
 
+    def watched(owner: object, method: str, name: str) -> None:
+        """Clock a step where it is done; `locate` does it once."""
+        work = getattr(type(owner), method).__get__(owner)
+        setattr(owner, method, lambda *given: clocked(name, lambda: work(*given)))
+
     update = clocked("decode", lambda: wire.decode_update(text, localiser.config.max_update_bytes))
     clocked("apply", lambda: localiser.apply(update))
+    watched(localiser.map.queries, "encode", "embed")
+    if localiser._surroundings is not None:
+        watched(localiser._surroundings, "batch", "extract")
     located = clocked("locate", localiser.locate)
-    query, graph, visibility = located.query, localiser.stream.graph, localiser._visibility
-    if located.best_row is None or query.place is None or graph is None or visibility is None:
+    query = located.query
+    if located.best_row is None or query.batch is None:
         return None
     attributions = clocked("explain", lambda: localiser.explain(located))
     clocked("encode", lambda: (wire.encode(located.matches), wire.encode(attributions)))
 
-    # The parts of `locate` and `explain`, once more and apart.
-    model, place, embeddings = localiser.map.model, query.place, localiser.map.embeddings
-    extraction, best = model.encoder.extraction, embeddings[located.best_row]
-    batch = clocked("extract", lambda: extract(graph, visibility, model.labelspace, [place], extraction))
+    model, batch = localiser.map.model, query.batch
     with torch.inference_mode():
-        encoded = clocked("embed", lambda: model.encoder.encode(batch))
         clocked("pyg", lambda: peer(batch.features, batch.edge_index))
-    target = torch.from_numpy(best)
+    # A part of `explain`, once more and apart.
+    target = torch.from_numpy(localiser.map.embeddings[located.best_row])
 
     def attribute() -> object:
-        question = SimilarityQuery.from_encoder(model.encoder, batch, target, query.class_names, encoded)
+        question = SimilarityQuery.from_encoder(
+            model.encoder, batch, target, query.class_names, query.encoded, queries=localiser.map.queries
+        )
         return explain(question, "attention", np.random.default_rng(0))
 
     clocked("attribute", attribute)
