@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import pytest
-from conftest import LiteServer
 from fleet_maps import fill
+from lite_server import LiteServer
 from map_cases import make_building, make_model
 
 from semloc_core.errors import MapUnavailableError

@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import LiteServer
+from lite_server import LiteServer
 from small_building import building_update, delta, make_map, make_model
 
 from semloc_core import wire
