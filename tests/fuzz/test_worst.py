@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import resource
 import struct
 import sys
 import tempfile
@@ -13,7 +14,7 @@ from pathlib import Path
 
 import fuzz_seeds as seeds
 import pytest
-from fuzz_run import BYTES_PER_INPUT_BYTE, FLOOR_BYTES
+from fuzz_run import BYTES_PER_INPUT_BYTE, FLOOR_BYTES, HANG_S
 from fuzz_targets import check_line
 from killing import in_a_child
 from small_building import building_update, make_map, make_model
@@ -180,6 +181,7 @@ def cost(use: Callable[[], object]) -> dict[str, int | str]:
 
     def work() -> dict[str, int | str]:
         line = ""
+        resource.setrlimit(resource.RLIMIT_CPU, (HANG_S, HANG_S))
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # the peak is counted from here
         before = resident("VmHWM")
         try:
