@@ -136,3 +136,35 @@ def explain(repeats: Repeats = 20, seed: Seed = 0, json_file: Json = None) -> No
         rows = bench_explain(repeats, seed=seed, progress=bar)
     show("bench explain", seed, [], rows, json_file, title="explainers beside their peers, one thread")
     console.print("a hall of 30 places and 30 objects; ratio: median CPU time over semloc's")
+
+
+@app.command("fleet")
+def fleet(
+    server: Annotated[
+        str | None,
+        typer.Option(
+            "--server",
+            metavar="URL",
+            help="Measure this server, milvus+http://host:port/NAME; default: "
+            "Milvus Lite, started for it. Maps homes_10, homes_200 … are made there, and dropped.",
+        ),
+    ] = None,
+    sizes: Annotated[list[int] | None, typer.Option("--homes", min=1, help="Size of a map; several times.")] = None,
+    robots: Annotated[list[int] | None, typer.Option("--robots", min=1, help="How many; several times.")] = None,
+    seconds: Annotated[float, typer.Option("--seconds", min=0.1, help="How long each is measured.")] = 10.0,
+    seed: Seed = 0,
+    json_file: Json = None,
+) -> None:
+    """Robots with a map file each, and on one map server: answers a second, latency, CPU time, memory."""
+    import tempfile
+
+    with _peers(), progress("timing") as bar, tempfile.TemporaryDirectory() as folder:
+        from semloc_core.evaluate.bench_fleet import ROBOTS, SIZES, bench_fleet
+        from semloc_core.evaluate.fleet_server import FleetServer
+        from semloc_core.fleet.address import parse_address
+
+        address = parse_address(server) if server is not None else None
+        with FleetServer(Path(folder) / "milvus", address) as running:
+            rows = bench_fleet(Path(folder), running, sizes or SIZES, robots or ROBOTS, seconds, seed, bar)
+    show("bench fleet", seed, [], rows, json_file, title="robots that share a map")
+    console.print("per_s: answers of all robots together, which share one core here; cpu_ms: a robot's own work")

@@ -43,7 +43,7 @@ class Holdings:
 
     def __init__(self, places: int) -> None:
         self._most = places
-        self._model: Model | None = None
+        self._model_hash = ""
         self._held: OrderedDict[Key, _Held] = OrderedDict()
 
     def __contains__(self, key: Key) -> bool:
@@ -58,11 +58,17 @@ class Holdings:
         """Keep a building."""
         self._held[key_of(fetched.entry, name)] = _Held(fetched)
 
-    def keep_for(self, model: Model) -> None:
+    def keep_for(self, model_hash: str) -> None:
         """Let go of all that another model has embedded."""
-        if model is not self._model:
+        if model_hash != self._model_hash:
             self._held.clear()
-            self._model = model
+            self._model_hash = model_hash
+
+    def copy(self) -> Holdings:
+        """The same buildings, in no memory of their own, for another robot of this process."""
+        made = Holdings(self._most)
+        made._held, made._model_hash = self._held.copy(), self._model_hash
+        return made
 
     def forget_weights(self) -> None:
         """Classes weigh differently by now: what was made with the old weights is made again when it is needed."""

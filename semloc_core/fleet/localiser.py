@@ -51,6 +51,9 @@ class FleetLocaliser(Localiser):
             answers. Replays wait for all: their answers must not hang on the time.
         holdings: buildings that are there already.
 
+    Attributes:
+        holdings: the buildings fetched so far.
+
     """
 
     def __init__(
@@ -62,7 +65,7 @@ class FleetLocaliser(Localiser):
         holdings: Holdings | None = None,
     ) -> None:
         self._link, self._limits, self._patience_s = link, limits or ShortlistConfig(), patience_s
-        self._holdings = holdings or Holdings(self._limits.kept_places)
+        self.holdings = holdings or Holdings(self._limits.kept_places)
         self._catalogue: Catalogue | None = None
         self._sizes: Mapping[str, int] = {}
         self._keys: tuple[Key, ...] = ()
@@ -93,7 +96,7 @@ class FleetLocaliser(Localiser):
 
     def renewed(self, config: LocaliserConfig | None = None) -> FleetLocaliser:
         """As `Localiser.renewed`: on the same link, with what has been fetched."""
-        return type(self)(self._link.shared(), config or self.config, self._limits, self._patience_s, self._holdings)
+        return type(self)(self._link.shared(), config or self.config, self._limits, self._patience_s, self.holdings)
 
     def take_over(self, other: Localiser) -> None:
         """As `Localiser.take_over`; a belief is carried over to the places that this map has too."""
@@ -144,11 +147,11 @@ class FleetLocaliser(Localiser):
         self._catalogue = catalogue
         self._sizes = {name: catalogue.buildings[name].n_places for name in names}
         if model is not self.map.model:
-            self._holdings.keep_for(model)
+            self.holdings.keep_for(catalogue.model_hash)
             self._show(())
             self._look_again(None)
         elif before is None or changes != before.changes:
-            self._holdings.forget_weights()
+            self.holdings.forget_weights()
             self._show(self._keys)
         self.map_info = MapInfo(name=self._link.name, hash=whole.hash, places=whole.n_places)
 
@@ -184,16 +187,16 @@ class FleetLocaliser(Localiser):
         keys: list[Key] = []
         for name in names:
             key = key_of(self._catalogue.buildings[name], name)
-            if keys and time.monotonic() > until and not self._holdings.ready(key, self.config):
+            if keys and time.monotonic() > until and not self.holdings.ready(key, self.config):
                 continue
-            if key not in self._holdings:
+            if key not in self.holdings:
                 fetched = self._link.fetch(name)
                 if fetched is None:
                     return None
-                self._holdings.add(name, fetched)
-                if key not in self._holdings:
+                self.holdings.add(name, fetched)
+                if key not in self.holdings:
                     return None
-            self._holdings.prepare(key, self._link.name, self.map.model, self._whole, self.config)
+            self.holdings.prepare(key, self._link.name, self.map.model, self._whole, self.config)
             keys.append(key)
         return tuple(sorted(keys))
 
@@ -202,7 +205,7 @@ class FleetLocaliser(Localiser):
         model = self._link.model
         assert model is not None
         believed = self._tracker or self._before
-        loaded, filter_model = self._holdings.map_of(keys, self._link.name, model, self._whole, self.config)
+        loaded, filter_model = self.holdings.map_of(keys, self._link.name, model, self._whole, self.config)
         self._serve(loaded, filter_model)
         self._keys = keys
         if believed is not None and self._tracker is not None:

@@ -150,8 +150,8 @@ def test_what_is_kept_has_a_bound(make):
     localiser = make(limits=ShortlistConfig(nearest=40, buildings=2, kept_places=90))
     for seed in range(8):
         answers(localiser, walk(seed, steps=2))
-        assert localiser._holdings.n_places <= 90
-        assert set(localiser.map.buildings) <= {name for name, _ in localiser._holdings._held}
+        assert localiser.holdings.n_places <= 90
+        assert set(localiser.map.buildings) <= {name for name, _ in localiser.holdings._held}
 
 
 def test_while_the_line_is_cut_nothing_is_answered_and_the_graph_goes_on(make):
