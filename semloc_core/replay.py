@@ -58,6 +58,7 @@ class ReplaySummary:
         updates: updates read; ``counts`` says what became of them, and ``statuses`` of the answers.
         unknown_classes: classes that the map's labelspace lacks -> objects seen of them.
         p50_ms, p99_ms: of decoding, applying, locating and explaining one update, wall time.
+        listed, calibrated: answers that list places, and those of them whose probabilities are calibrated.
         unscored: answers whose ground truth could not be assigned to a building of the map.
         truth_frames: frames that the ground truth was in.
 
@@ -70,6 +71,8 @@ class ReplaySummary:
     unknown_classes: Counter[str] = field(default_factory=Counter)
     p50_ms: float | None = None
     p99_ms: float | None = None
+    listed: int = 0
+    calibrated: int = 0
     unscored: int = 0
     truth_frames: set[str] = field(default_factory=set)
 
@@ -147,6 +150,8 @@ def replay(
             if answer is None:
                 continue
             summary.statuses[answer.matches.status] += 1
+            summary.listed += bool(answer.matches.matches)
+            summary.calibrated += bool(answer.matches.matches) and answer.matches.calibrated
             truths.answer(answer.matches)
             if writer is not None:
                 writer.write_string(MATCHES_TOPIC, message.stamp_ns, wire.encode(answer.matches).decode())

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from semloc_core.cli.common import Json, SynonymsOption, console, join_synonyms, note, show
+from semloc_core.cli.common import Json, SynonymsOption, console, join_synonyms, note, write_json
 from semloc_core.cli.foreign_classes import report_unknown_classes
 from semloc_core.config import LocaliserConfig, checked, options
 
@@ -44,6 +44,7 @@ def replay(
     """
     import torch
 
+    from semloc_core.cli.replay_table import print_summary
     from semloc_core.open_map import open_localiser
     from semloc_core.replay import Answer
     from semloc_core.replay import replay as run_replay
@@ -78,8 +79,6 @@ def replay(
     if state is not None and not state.answers:
         note(state.line)
     report_unknown_classes(dict(summary.unknown_classes), str(run), labelspace=False)
-    statuses = ", ".join(f"{count} {name}" for name, count in sorted(summary.statuses.items()))
-    console.print(f"{summary.updates} updates: {statuses}")
     dropped = {k: v for k, v in sorted(summary.counts.items()) if k != "applied" and v}
     if dropped:
         note("updates not applied: " + ", ".join(f"{count} {name}" for name, count in dropped.items()))
@@ -88,12 +87,14 @@ def replay(
         note(f"the ground truth is in frame {frames}; scored as if that were building {localiser.buildings[0]}")
     if summary.unscored:
         note(f"{summary.unscored} answers not scored: the ground truth names no building of this map")
-    rows = [{**row, "p50_ms": None, "p99_ms": None} for row in summary.rows]
-    if not rows:
+    if not summary.rows:
         note("no ground truth in the run: nothing to score")
-        rows = [{"method": "latency", "scope": "all", "queries": sum(summary.statuses.values())}]
-    rows[-1] |= {"p50_ms": summary.p50_ms, "p99_ms": summary.p99_ms}
-    show("replay", 0, [run, map_], rows, json_file, title=f"{run} against {map_}")
+    print_summary(f"{run} against {map_}", summary, console)
+    if json_file is not None:
+        rows: list[dict[str, Any]] = [{**row, "p50_ms": None, "p99_ms": None} for row in summary.rows]
+        rows = rows or [{"method": "latency", "scope": "all", "queries": sum(summary.statuses.values())}]
+        rows[-1] |= {"p50_ms": summary.p50_ms, "p99_ms": summary.p99_ms}
+        write_json(json_file, "replay", 0, [run, map_], rows)
     if output is not None:
         console.print(f"results: {output}")
 

@@ -1,0 +1,73 @@
+"""What ``semloc replay`` prints at the end: how right, by metres walked; what was answered; how long it took."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+
+from semloc_core.cli.screen import print_whole
+from semloc_core.config import MATCH_RADIUS_M
+from semloc_core.replay import ReplaySummary
+from semloc_core.traversal_score import FROM_METRES
+
+MEASURES = {
+    "queries": "answers",
+    "success@1": "success@1",
+    "success@5": "success@5",
+    "success@10": "success@10",
+    "accepted": "accepted (match)",
+    "precision": "right of accepted",
+}
+"""Figure of a row -> what it is called on screen, in this order."""
+_STARTS = [f"{start:g}m" for start in FROM_METRES]
+
+
+def print_summary(title: str, summary: ReplaySummary, console: Console) -> None:
+    """Print a replay's summary as one table: a line a measure, a column for every stretch of the way.
+
+    Args:
+        title: which run, against which map.
+        summary: of the replay.
+        console: where to.
+
+    """
+    console.print(title, markup=False)
+    if summary.rows:
+        table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+        table.add_column("metres walked")
+        for row in summary.rows:
+            table.add_column(_stretch(str(row["scope"])), justify="right")
+        for figure, name in MEASURES.items():
+            table.add_row(name, *(_cell(row[figure]) for row in summary.rows))
+        print_whole(table, console)
+    answers = sum(summary.statuses.values())
+    statuses = ", ".join(f"{count} {name} ({count / answers:.0%})" for name, count in summary.statuses.most_common())
+    for name, text in (
+        ("status", f"{statuses or 'no answer'}, of {summary.updates} updates"),
+        ("probability", _calibrated(summary)),
+        ("latency", f"{summary.p50_ms:.1f} ms median, {summary.p99_ms:.1f} ms 99th percentile"),
+    ):
+        console.print(f"{name:18s} {text}", markup=False)
+
+
+def _stretch(scope: str) -> str:
+    """``5–10`` of a bracket that begins at ``5m``, ``40–`` of the last."""
+    if scope not in _STARTS:
+        return scope
+    after = _STARTS.index(scope) + 1
+    return f"{scope[:-1]}–{_STARTS[after][:-1] if after < len(_STARTS) else ''}"
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ""
+    return f"{value:.3f}" if isinstance(value, float) else str(value)
+
+
+def _calibrated(summary: ReplaySummary) -> str:
+    meaning = f"the chance that the place is within {MATCH_RADIUS_M:g} m"
+    if summary.calibrated == summary.listed:
+        return f"calibrated: {meaning}" if summary.listed else "none: no answer lists a place"
+    if not summary.calibrated:
+        return f"not calibrated: it ranks answers, but is not {meaning}"
+    return f"calibrated in {summary.calibrated} of {summary.listed} answers: {meaning}"
