@@ -51,8 +51,9 @@ def _run(command: str, title: str, seed: int, json_file: Path | None, *benches: 
 
 def _update(case: BenchCase, bar: Progress) -> list[Row]:
     from semloc_core.evaluate.bench_update import bench_update
+    from semloc_core.evaluate.bench_verified import bench_verified
 
-    return bench_update(case, progress=bar)
+    return bench_update(case, progress=bar) + bench_verified(case, progress=bar)
 
 
 def _search(case: BenchCase, bar: Progress) -> list[Row]:

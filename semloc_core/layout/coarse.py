@@ -121,7 +121,7 @@ class CoarseScan:
         shares = _shares(_metres(fragment.objects)).ravel()
         seen = sums(of, shares, len(self._rate)).astype(np.float32)
         at = np.flatnonzero(seen > _FAINT)
-        rate = self._rate[at]
+        rate = self._rate.take(at, axis=0)
         rate += self._invented[at // rings][:, None]
         known = _shares(_metres(fragment.places)).sum(axis=1)
         found: NDArray[np.float32] = seen[at] @ np.log(rate, out=rate)

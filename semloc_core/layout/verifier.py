@@ -104,15 +104,18 @@ class LayoutVerifier:
         """
         if not len(fragment.classes) or not self.mapped.n_places:
             return None
-        candidates = self._candidates(fragment, similarity, only)
-        if not len(candidates):
-            return None
+        rows, heading = self.poses(fragment, self.candidates(fragment, similarity, only))
+        return self.tested(fragment, rows, heading) if len(rows) else None
+
+    def poses(self, fragment: Fragment, candidates: Ints) -> tuple[Ints, Floats]:
+        """(T,) rows and (T,) headings, radians, at which a fragment with an object may fit some of (K,) rows best."""
         scores = heading_scores(self.mapped, fragment, candidates)
         at, of = self.mapped.positions[candidates], self.mapped.building[candidates]
         chosen, heading = best_poses(scores, at, of, self.config.fine, APART_M)
-        if not len(chosen):
-            return None
-        rows = candidates[chosen]
+        return candidates[chosen], heading
+
+    def tested(self, fragment: Fragment, rows: Ints, heading: Floats) -> Verified:
+        """Align a fragment at (T,) rows and headings, radians, one at least."""
         fitted = align(self.mapped, fragment, rows, heading)
         score = np.round(fitted.score, 6)
         order = np.lexsort((rows, -score))
@@ -131,8 +134,8 @@ class LayoutVerifier:
             fitted.walls[order],
         )
 
-    def _candidates(
-        self, fragment: Fragment, similarity: NDArray[np.float32] | None, only: NDArray[np.bool_] | None
+    def candidates(
+        self, fragment: Fragment, similarity: NDArray[np.float32] | None, only: NDArray[np.bool_] | None = None
     ) -> Ints:
         """(K,) rows to be tried, in rising order: the likeliest of the scan, and some of the most similar."""
         found = [np.zeros(0, dtype=np.int64)]
@@ -156,11 +159,12 @@ class LayoutVerifier:
 
 
 def _largest(values: NDArray[np.float32], k: int, only: NDArray[np.bool_] | None) -> Ints:
-    rows = np.arange(len(values)) if only is None else np.flatnonzero(only)
-    if len(rows) <= k:
-        return rows
+    rows = None if only is None else np.flatnonzero(only)
+    of = values if rows is None else values[rows]
+    if len(of) <= k:
+        return np.arange(len(of)) if rows is None else rows
     # Ties at the edge are all taken: which of them a partition would keep is not defined.
-    of = values[rows]
-    least = np.partition(of, len(of) - k)[len(of) - k]
-    chosen: Ints = rows[of >= least]
-    return chosen if len(chosen) <= 2 * k else rows[np.argsort(-of, kind="stable")[:k]]
+    chosen = np.flatnonzero(of >= np.partition(of, len(of) - k)[len(of) - k])
+    if len(chosen) > 2 * k:
+        chosen = np.argsort(-of, kind="stable")[:k]
+    return chosen if rows is None else rows[chosen]

@@ -116,26 +116,29 @@ def _pairs(mapped: MappedLayout, fragment: Fragment, voters: Ints, candidates: I
     metres, bearing = np.sqrt(x * x + y * y), np.arctan2(y, x)
     which, at = around.of_places(candidates)
     kind, of_class = mapped.kinds(fragment.classes[voters])
-    there = of_class[around.classes[at]]
+    there = of_class.take(around.classes.take(at))
     wanted = np.flatnonzero(there >= 0)
-    which, at, there = which[wanted], at[wanted], there[wanted]
+    which, at, there = which.take(wanted), at.take(wanted), there.take(wanted)
     # Kinds are laid out along a line, far from one another: then only those of one kind can be about as far.
     limit = np.float32(NEAR * config.spread_m)
     apart = np.float32(around_m(config)) + limit + np.float32(1.0)
-    off = np.subtract.outer(kind * apart + metres, there * apart + around.metres[at])
+    off = np.subtract.outer(kind * apart + metres, there * apart + around.metres.take(at))
     np.abs(off, out=off)
     seen, entry = np.divmod(np.flatnonzero(off <= limit + np.float32(0.01)), len(at))
-    at = at[entry]
-    along, above = metres[seen] - around.metres[at], up[seen] - around.up[at]
+    at = at.take(entry)
+    along, above = metres.take(seen) - around.metres.take(at), up.take(seen) - around.up.take(at)
     close = np.flatnonzero((np.abs(along) <= limit) & (np.abs(above) <= np.float32(NEAR * config.height_spread_m)))
-    at, entry, seen = at[close], entry[close], seen[close]
-    along, above = along[close] * np.float32(1 / config.spread_m), above[close] * np.float32(1 / config.height_spread_m)
+    at, entry, seen = at.take(close), entry.take(close), seen.take(close)
+    along, above = (
+        along.take(close) * np.float32(1 / config.spread_m),
+        above.take(close) * np.float32(1 / config.height_spread_m),
+    )
     return _Pairs(
-        seen * len(candidates) + which[entry],
-        mapped.odds[around.objects[at]].astype(np.float32),
+        seen * len(candidates) + which.take(entry),
+        mapped.odds.take(around.objects.take(at)).astype(np.float32),
         (along * along + above * above) * np.float32(-0.5),
-        around.bearing[at] - bearing[seen],
-        metres[seen] * around.metres[at] * np.float32(4.0 / config.spread_m**2),
+        around.bearing.take(at) - bearing.take(seen),
+        metres.take(seen) * around.metres.take(at) * np.float32(4.0 / config.spread_m**2),
     )
 
 
