@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from semloc_core.cli import evaluate_merge, evaluate_trust
+from semloc_core.cli import evaluate_fleet, evaluate_merge, evaluate_trust
 from semloc_core.cli.common import (
     Json,
     LabelspaceOption,
@@ -22,6 +22,7 @@ from semloc_core.cli.foreign_classes import report_unknown_classes
 app = typer.Typer(no_args_is_help=True, help="Measure: the paper's protocol, and whole buildings.")
 app.command("merge")(evaluate_merge.merge)
 app.command("trust")(evaluate_trust.trust)
+app.command("shortlist")(evaluate_fleet.evaluate_shortlist)
 
 
 @app.command("office")

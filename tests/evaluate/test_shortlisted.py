@@ -1,0 +1,18 @@
+"""Lists of few buildings: longer ones hold the robot's more often, and one of all always does."""
+
+import pytest
+
+from semloc_core.evaluate.shortlisted import SCOPES_M, evaluate_shortlist
+from semloc_core.fleet.shortlist import ShortlistConfig
+
+
+def test_a_longer_list_misses_less_and_one_of_all_nothing():
+    limits = [ShortlistConfig(nearest=n, buildings=b) for n, b in ((5, 1), (50, 2), (10_000, 4))]
+    rows = evaluate_shortlist("home", 4, limits, walks=1, seed=3)
+    assert [row["scope"] for row in rows] == [f"{metres:g}m" for metres in SCOPES_M] * 3
+    short, some, everything = (rows[i : i + len(SCOPES_M)] for i in range(0, len(rows), len(SCOPES_M)))
+    for few, more, whole in zip(short, some, everything, strict=True):
+        assert few["listed"] <= more["listed"] <= whole["listed"] == 1.0
+        assert few["places"] < more["places"] < whole["places"]
+    assert short[0]["listed"] < 1.0
+    assert whole["queries"] == pytest.approx(4)
