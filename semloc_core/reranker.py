@@ -120,7 +120,8 @@ class Reranker:
         order = np.lexsort((np.arange(len(found.rows)), -sure.probability))
         order = np.concatenate([[0], order[order != 0]])
         tested = found.rows[order]
-        rest = raw[~np.isin(raw, tested)]
+        known = set(tested.tolist())
+        rest = np.array([row for row in raw.tolist() if row not in known], dtype=np.int64)
         probability = dict.fromkeys(rest.tolist(), 0.0)
         probability.update(zip(tested.tolist(), sure.probability[order].tolist(), strict=True))
         shown = np.concatenate([tested, rest])[:top_n]

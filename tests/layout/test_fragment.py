@@ -5,6 +5,8 @@ import numpy as np
 
 from semloc_core.layout import LayoutConfig, fragment_of_arrays, fragment_of_graph
 from semloc_core.layout.fragment import CELL_M, thinned
+from semloc_core.scene_graph import SceneGraph
+from semloc_core.wire import Place
 
 CONFIG = LayoutConfig()
 
@@ -19,6 +21,51 @@ def test_a_live_graph_and_a_frozen_one_have_the_same_surroundings(homes):
         np.testing.assert_array_equal(live.classes, frozen.classes)
         np.testing.assert_array_equal(live.places, frozen.places)
         assert live.object_ids == frozen.object_ids
+
+
+def test_a_graph_that_grew_and_shrank_has_the_surroundings_of_one_made_at_once(homes):
+    """What is kept between updates must not be seen in an answer: a replay from its middle says the same."""
+    maps, _, space = homes
+    whole = maps[0].to_scene_graph(space)
+    ids, moved = maps[0].place_ids, maps[0].place_ids[3]
+    x, y, z = whole.places[moved]
+    update = whole.to_update(0, 0, "map")
+    graph = SceneGraph()
+    for first in range(0, len(ids), 50):  # in another order, and with places that go again
+        some = [Place(i, whole.places[i]) for i in ids[::-1][first : first + 50]]
+        graph.apply(delta(update, places=[*some, Place(f"gone{first}", (x, y, z + 0.1))]))
+        assert len(fragment_of_graph(graph, space, some[0].id, CONFIG).places)
+    graph.apply(delta(update, objects=update.objects, removed_nodes=[f"gone{i}" for i in range(0, len(ids), 50)]))
+    graph.apply(delta(update, places=[Place(moved, (x + 0.3, y, z))]))
+    at_once = delta(update, full=True, places=[*graph_places(graph)], objects=update.objects)
+    fresh = SceneGraph.from_update(at_once)
+    for place in ids[::17]:
+        one, other = (fragment_of_graph(each, space, place, CONFIG) for each in (graph, fresh))
+        np.testing.assert_array_equal(one.places, other.places)
+        np.testing.assert_array_equal(one.objects, other.objects)
+        assert one.object_ids == other.object_ids
+
+
+def delta(update, full=False, **parts):
+    none = {"places": [], "objects": [], "edges": [], "sightings": [], "removed_nodes": [], "removed_edges": []}
+    return msgspec.structs.replace(update, full=full, query_place=None, **{**none, **parts})
+
+
+def graph_places(graph):
+    return [Place(key, at) for key, at in sorted(graph.places.items())]
+
+
+def test_places_are_thinned_alike_in_any_order_and_however_far_away():
+    rng = np.random.default_rng(0)
+    places = np.round(rng.uniform(-6, 6, (400, 3)), 1)  # many of them as near the middle of a cell
+    kept = thinned(places)
+    np.testing.assert_array_equal(kept, thinned(places[rng.permutation(400)]))
+    cells = np.floor(places / CELL_M)
+    assert len(kept) == len(np.unique(cells, axis=0))
+    # Cells are told apart by one number; where it is too small for them they are compared one by one.
+    far = thinned(np.concatenate([places, [[1e9, 1e9, 0.0], [1e9, -1e9, 0.0]]]))
+    assert len(far) == len(kept) + 2
+    np.testing.assert_array_equal(far[far[:, 0] < 1e9], kept)
 
 
 def test_objects_out_of_reach_on_other_floors_or_of_no_class_do_not_count(homes):
