@@ -5,6 +5,7 @@ Command line and node derive their options and parameters from here.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
@@ -127,6 +128,9 @@ def checked(struct: type[Any], **values: Any) -> Any:
 def _why_not(struct: type[Any], values: Mapping[str, Any], error: str) -> str:
     """What was expected of which option; the library's words where they name none."""
     name = error.rpartition("`$.")[2].rstrip("`") if "`$." in error else ""
+    if unknown := re.fullmatch(r"Object contains unknown field `(.*)`", error):
+        names = ", ".join(field.name for field in msgspec.structs.fields(struct))
+        return f"expected an option among {names} (got {unknown[1]!r})"
     option = next((option for option in options(struct) if option.name == name), None)
     if option is None or name not in values:
         return error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -26,6 +27,15 @@ from semloc_core.errors import ConfigError
 
 if TYPE_CHECKING:
     from semloc_core.evaluate.rows import Row
+    from semloc_core.training.loop import TrainResult
+
+WHY_ENDED = {
+    "steps": "it trained to its last step",
+    "patience": "it stopped early, having got no better for long",
+    "time": "it stopped when its time was up",
+    "nothing to train": "there is nothing to train",
+}
+"""`TrainResult.stopped` in words."""
 
 
 def train(
@@ -138,7 +148,8 @@ def train(
     with progress(f"training {name}") as bar:
 
         def on_step(report: Report) -> None:
-            bar(report.step, report.steps, f"loss {report.train_loss:.3f}, validation PR-AUC {report.val_pr_auc:.3f}")
+            judged = "" if math.isnan(report.val_pr_auc) else f", PR-AUC {report.val_pr_auc:.3f} on held-out places"
+            bar(report.step, report.steps, f"loss {report.train_loss:.3f}{judged}")
 
         resumed = resume if resume is not None and resume.exists() else None
         result = run_training(arrays, space, config, progress=on_step, resume=resumed, checkpoint=resume, start=begun)
@@ -150,13 +161,21 @@ def train(
             note(f"{name} has nothing to train, so there is no curve")
     console.print(f"{output}: {name}, {len(space)} classes, hash {result.model.hash[:12]}")
     if result.history:
-        best = max(row["val_pr_auc"] for row in result.history)
-        console.print(f"validation PR-AUC {best:.3f} at step {result.best_step} (stopped: {result.stopped})")
+        console.print(_kept(result))
     judged = {"start": begun} if begun is not None else {}
     rows = own_validation({**judged, "trained": result.model}, arrays, result.splits, seed)
     show("train", seed, graphs, rows, json_file, title="own validation: held-out places, as a detector sees them")
     if begun is not None:
         _say_gain(rows)
+
+
+def _kept(result: TrainResult) -> str:
+    """Which weights the model has, how good they are, and why there are no later ones."""
+    last, best = result.history[-1], max(row["val_pr_auc"] for row in result.history)
+    judged = f"the best on places held out for validation: PR-AUC {best:.3f}"
+    if math.isnan(best):
+        judged = "the last, since the places held out for validation tell nothing apart"
+    return f"kept the weights of step {result.best_step} of {last['step']:.0f}, {judged}; {WHY_ENDED[result.stopped]}"
 
 
 def _given(options: list[str]) -> dict[str, Any]:
