@@ -40,7 +40,7 @@ def make_collections(server: Server, model: Model, index: str) -> None:
 def has_map(server: Server) -> bool:
     """Whether there is a map of that name: collections without the map's own row are none."""
     name = server.address.name
-    return layout.catalogue(name) in server.collections() and read_change(server, name) is not None
+    return layout.catalogue(name) in server.collections() and read_change(server, name, "Strong") is not None
 
 
 def map_exists(address: MilvusAddress) -> bool:

@@ -15,7 +15,7 @@ from semloc_core.errors import MapError, MapUnavailableError
 from semloc_core.fleet import layout
 from semloc_core.fleet.address import MilvusAddress
 from semloc_core.fleet.nearest import Hits, clean_hits, search_parameters
-from semloc_core.fleet.reading import State, current, no_map, read_building, read_change, read_model, read_state
+from semloc_core.fleet.reading import State, current, read_building, read_change, read_model, read_state
 from semloc_core.fleet.rows import MissingRowsError
 from semloc_core.fleet.server import DEFAULT_TIMEOUT_S, MAX_ROWS, Server
 from semloc_core.fleet.source import Catalogue, Fetched, Nearest
@@ -162,10 +162,8 @@ class MilvusSource:
         if time.monotonic() - self._asked < self._poll_s:
             return self._state
         change = read_change(self._server, self.name)
-        if change is None:
-            raise no_map(self._server, self.name)
         self._asked = time.monotonic()
-        if change != self._state.change and change not in self._changes:
+        if change != self._state.change and change not in self._changes:  # that is looked up, not believed
             return self._look_again()
         return self._state
 

@@ -30,6 +30,7 @@ from semloc_core.model import Model
 _PIECES_AT_ONCE = 256  # 16 MiB of text
 _POINTERS_AT_ONCE = 512  # at most 32 MiB
 _PLACE_BYTES_AT_ONCE = 2**23
+_MAX_CATALOGUE_BYTES = 2**28  # packed; some 400 a building, more where traversals were merged
 
 
 @dataclass(frozen=True)
@@ -61,11 +62,18 @@ class State:
         return {self.model_generation, *self.names}
 
 
-def read_change(server: Server, name: str) -> int | None:
-    """The number that the last change left, which may be a few seconds old; None where there is no such map."""
+def read_change(server: Server, name: str, consistency: str = "Bounded") -> int | None:
+    """The number that the last change left; None where there is no such map.
+
+    Args:
+        server: where.
+        name: the map's.
+        consistency: ``Strong`` for the last one; by default it may be some seconds old, and cheaper.
+
+    """
     condition = f'key == "{layout.CHANGE}"'
     try:
-        rows = server.query(layout.catalogue(name), condition, ("key", "generation"), 1, "Bounded")
+        rows = server.query(layout.catalogue(name), condition, ("key", "generation"), 1, consistency)
     except NoCollectionError:
         return None
     return integer(rows[0], "generation") if rows else None
@@ -144,7 +152,7 @@ def read_map_row(server: Server, name: str) -> tuple[int, MapRow]:
 
 def read_pointers(server: Server, name: str, keys: Sequence[str]) -> dict[str, tuple[int, Pointer]]:
     """Rows of buildings by key, with their generations; those that are not there are left out."""
-    found = {}
+    found, size = {}, 0
     for start in range(0, len(keys), _POINTERS_AT_ONCE):
         some = keys[start : start + _POINTERS_AT_ONCE]
         if not all(key.isalnum() and key.isascii() for key in some):
@@ -152,6 +160,9 @@ def read_pointers(server: Server, name: str, keys: Sequence[str]) -> dict[str, t
         listed = ", ".join(f'"{key}"' for key in some)
         for row in server.query(layout.catalogue(name), f"key in [{listed}]", layout.CATALOGUE_FIELDS, len(some)):
             key, pointer = text(row, "key"), unpack(row.get("data"), Pointer)
+            size += len(row["data"])
+            if size > _MAX_CATALOGUE_BYTES:
+                raise MapError(f"expected a catalogue of at most {_MAX_CATALOGUE_BYTES} bytes (got more)")
             if key not in some or layout.building_key(pointer.name) != key:
                 raise MapError(f"expected building {pointer.name!r} under its key (got another: the map is damaged)")
             found[key] = integer(row, "generation"), pointer
