@@ -38,6 +38,7 @@ from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import SemlocError
 from semloc_core.explain.answered import explain_answer
+from semloc_core.explain.layout_scores import LAYOUT
 from semloc_core.localiser import Located
 from semloc_ros.explain_process import READY, Question, Reply
 
@@ -195,6 +196,11 @@ class Explaining:
             self._fall_back(job)
         with self._lock:
             due, waiting = self._latest, bool(self._requests)
+            made = due is not None and due.config.explainer == LAYOUT  # when the place was put to the test
+            self._latest = None if made else due
+        if made and due is not None:
+            self._say(due, due.config)
+            due = None
         if due is None and not waiting:
             return
         if self._connection is None:
@@ -217,9 +223,12 @@ class Explaining:
             self._send(job)
 
     def _fall_back(self, job: _Job) -> None:
-        config = msgspec.structs.replace(job.config, explainer=FALLBACK)
-        message = explain_answer(job.located, config)
         self.counts.late += 1
+        self._say(job, msgspec.structs.replace(job.config, explainer=FALLBACK))
+
+    def _say(self, job: _Job, config: LocaliserConfig) -> None:
+        """Explain in this thread."""
+        message = explain_answer(job.located, config)
         self._publish(job, message, wire.encode(message).decode())
 
     def _publish(self, job: _Job, message: wire.ClassAttributions, text: str) -> None:
