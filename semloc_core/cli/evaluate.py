@@ -12,12 +12,15 @@ from semloc_core.cli.common import (
     Json,
     LabelspaceOption,
     Seed,
+    console,
     pick_labelspace,
     progress,
     read_graph,
     show,
+    write_json,
 )
 from semloc_core.cli.foreign_classes import report_unknown_classes
+from semloc_core.cli.screen import print_pivot
 
 app = typer.Typer(no_args_is_help=True, help="Measure: the paper's protocol, and whole buildings.")
 app.command("merge")(evaluate_merge.merge)
@@ -115,12 +118,20 @@ def online(
         bool, typer.Option("--foreign", help="Answers accepted in a building that is left out of the database.")
     ] = False,
     bound: Annotated[bool, typer.Option(help="Count the places that agree with all that was seen.")] = True,
+    long: Annotated[
+        bool, typer.Option("--long", help="Print every row, with intervals, success@5 and @10, as the JSON has them.")
+    ] = False,
     seed: Seed = 0,
     json_file: Json = None,
 ) -> None:
-    """Every building's query graph revealed along walks, asked against all buildings' maps, by metres walked."""
+    """Every building's query graph revealed along walks, asked against all buildings' maps, by metres walked.
+
+    Prints success@1 a line a method and a column for the metres walked, then calibration error, and what else was
+    asked for, in small tables of their own.
+    """
     from semloc_core.config import checked
     from semloc_core.evaluate.online import evaluate_online
+    from semloc_core.evaluate.pivot import online_pivots
     from semloc_core.evaluate.walks import WalkConfig
     from semloc_core.model import Model
 
@@ -145,7 +156,14 @@ def online(
             seed=seed,
             progress=bar,
         )
-    show("evaluate online", seed, [root], rows, json_file, title=str(root))
+    if long:
+        show("evaluate online", seed, [root], rows, json_file, title=str(root))
+        return
+    console.print(f"{root}: {rows[0]['queries']} walks; columns are metres walked; intervals: --long", markup=False)
+    for pivot in online_pivots(rows):
+        print_pivot(pivot, console)
+    if json_file is not None:
+        write_json(json_file, "evaluate online", seed, [root], rows)
 
 
 @app.command("candidates")

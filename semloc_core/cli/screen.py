@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
+
+if TYPE_CHECKING:
+    from semloc_core.evaluate.pivot import Pivot
 
 WIDEST = 10_000
 
@@ -21,3 +25,15 @@ def print_whole(table: Table, to: Console) -> None:
     """Print a table as wide as it is: a figure that a narrow screen cuts off is a wrong figure."""
     table.width = to.measure(table, options=to.options.update(width=WIDEST)).maximum
     to.print(table, crop=False)
+
+
+def print_pivot(pivot: Pivot, to: Console) -> None:
+    """Print a small table: a line a method; where a method has no figure the cell is empty."""
+    to.print(f"\n[bold]{pivot.title}[/bold]")
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    table.add_column("method")
+    for column in pivot.columns:
+        table.add_column(column, justify="right")
+    for method, figures in pivot.lines.items():
+        table.add_row(method, *(f"{figures[c]:.3f}" if c in figures else "" for c in pivot.columns))
+    print_whole(table, to)

@@ -70,7 +70,9 @@ def print_table(rows: Sequence[Row], *, title: str, console: Console) -> None:
             table.add_column(name, justify="right", no_wrap=True)
         for row in rows:
             table.add_row(*(cell(row, name) for name in (*keys, *block)))
-        console.print(table)
+        if names:  # a figure that a narrow screen cuts off is a wrong figure
+            table.width = 1 + sum(width[name] for name in (*keys, *block))
+        console.print(table, crop=False)
 
 
 def _is_text(rows: Sequence[Row], name: str) -> bool:

@@ -64,5 +64,12 @@ def test_a_narrow_screen_gets_every_figure_in_further_tables() -> None:
         assert text in narrow
 
 
+def test_a_figure_wider_than_the_screen_is_not_cut_off() -> None:
+    """`0.900 [0.800, 1.0…` is another figure."""
+    text = printed(ROWS, 30)
+    assert "0.900 [0.800, 1.000]" in text
+    assert "…" not in text
+
+
 def test_no_rows_print_an_empty_table() -> None:
     assert "Table II" in printed([], 80) or printed([], 80).strip() == ""
