@@ -83,6 +83,8 @@ class FleetDatabase(OpenedMap):
                 database = cls(server)
                 database.require(model.hash, model.labelspace.hash)
                 return database
+            if index == "DISKANN" and server.is_lite():
+                raise MapError(f"expected an index that {address} knows (got {index}, which Milvus Lite does not)")
             make_collections(server, model, index)
             commit(server, address.name, None, {}, model)
             return cls(server)

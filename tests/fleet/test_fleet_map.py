@@ -1,17 +1,22 @@
 """A map on a server against the same map in a file: content hashes, places, buildings, search."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 from fleet_maps import fill
-from map_cases import make_map, make_model
+from map_cases import make_building, make_map, make_model
 
-from semloc_core.fleet import reading, server
+from semloc_core.errors import MapError
+from semloc_core.fleet import layout, reading, server
 from semloc_core.fleet.address import MilvusAddress
+from semloc_core.fleet.creating import make_collections
+from semloc_core.fleet.database import FleetDatabase
 from semloc_core.fleet.file_source import FileSource
 from semloc_core.fleet.milvus_source import MilvusSource
-from semloc_core.map_database import load
+from semloc_core.fleet.server import Server
+from semloc_core.map_database import MapDatabase, load
 
 
 def test_a_catalogue_of_more_rows_than_one_message_holds(
@@ -51,3 +56,56 @@ def test_content_is_that_of_the_file(address: MilvusAddress, tmp_path: Path, ord
         assert theirs_near.buildings == ours_near.buildings
         np.testing.assert_allclose(theirs_near.similarities, ours_near.similarities, atol=1e-5)
     source.close()
+
+
+@pytest.mark.parametrize("index", ["HNSW", "FLAT", "IVF_FLAT"])
+def test_indexed_rows_are_found_as_the_newest_are(address: MilvusAddress, tmp_path: Path, index: str) -> None:
+    """What the server has written to its disk and indexed; a part of it replaced since, and left over."""
+    model = make_model()
+    with (
+        FleetDatabase.create(address, model, index=index) as there,
+        MapDatabase.create(tmp_path / "x.map", model) as here,
+    ):
+        for database in (there, here):
+            for i in range(3):
+                database.add_building(str(i), *make_building(model, 300, i))
+        connection = Server(address, 30)
+        connection.flush(layout.places(address.name, 6))
+        for database in (there, here):
+            database.replace_building("1", *make_building(model, 250, 7))
+        connection.flush(layout.places(address.name, 6))
+        connection.close()
+    file, source = FileSource(tmp_path / "x.map"), MilvusSource(address, timeout_s=30)
+    for seed in range(5):
+        z = make_building(model, 5, 50 + seed)[3][0]
+        for buildings in (None, ["1"], ["0", "2"]):
+            ours, theirs = file.nearest(z, 40, buildings), source.nearest(z, 40, buildings)
+            both = set(zip(ours.buildings, ours.place_ids, strict=True)) & set(
+                zip(theirs.buildings, theirs.place_ids, strict=True)
+            )
+            assert len(theirs.place_ids) == 40
+            assert len(both) >= (40 if index == "FLAT" else 36), (seed, buildings)
+    assert len(source.fetch("1").places.ids) == 250
+    source.close()
+
+
+def test_a_map_half_made_is_none_and_can_be_made(address: MilvusAddress) -> None:
+    """Killed while it made collections; and two who make the same one at once."""
+    model = make_model()
+    connection = Server(address, 30)
+    make_collections(connection, model, "HNSW")
+    connection.close()
+    with pytest.raises(MapError, match=f"expected a map '{address.name}'"):
+        FleetDatabase.open(address)
+    with ThreadPoolExecutor() as pool:
+        made = list(pool.map(lambda _: FleetDatabase.create(address, model, exist_ok=True), range(2)))
+    for i, database in enumerate(made):
+        database.add_building(str(i), *make_building(model, 5))
+        database.close()
+    assert list(MilvusSource(address).catalogue().buildings) == ["0", "1"]
+    with pytest.raises(MapError, match=r"expected no map at .* already"):
+        FleetDatabase.create(address, model)
+    with pytest.raises(MapError, match=r"made with model .* \(got paper"):
+        FleetDatabase.create(address, make_model(1), exist_ok=True)
+    with pytest.raises(MapError, match="Milvus Lite"):
+        FleetDatabase.create(MilvusAddress(address.host, address.port, "disk"), model, index="DISKANN")
