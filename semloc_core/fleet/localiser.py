@@ -96,7 +96,9 @@ class FleetLocaliser(Localiser):
 
     def renewed(self, config: LocaliserConfig | None = None) -> FleetLocaliser:
         """As `Localiser.renewed`: on the same link, with what has been fetched."""
-        return type(self)(self._link.shared(), config or self.config, self._limits, self._patience_s, self.holdings)
+        made = type(self)(self._link.shared(), config or self.config, self._limits, self._patience_s, self.holdings)
+        made.map_info, made._model_info = self.map_info, self._model_info
+        return made
 
     def take_over(self, other: Localiser) -> None:
         """As `Localiser.take_over`; a belief is carried over to the places that this map has too."""

@@ -130,6 +130,10 @@ class Publishing:
         """Publish the answer to a request."""
         self._explanations.publish(String(data=text))
 
+    def map_is_watched(self) -> bool:
+        """Whether anybody has subscribed to what is drawn of the map."""
+        return bool(self._map_markers.get_subscription_count())
+
     def map(self, loaded: LoadedMap, frame_id: str, stamp: Time, clear: bool = True) -> None:
         """Draw the map, and clear what was drawn of another one."""
         self._map_markers.publish(map_markers(loaded, frame_id, stamp))

@@ -106,8 +106,9 @@ class Session:
         self._publishing.map(self._drawn, localiser.config.frame_id, stamp, clear)
 
     def draw_changes(self, stamp: Time) -> None:
-        """Publish the map's markers anew, if these are other buildings of a server's map by now."""
-        if self._drawn is not None and self._drawn is not self.worker.localiser.map:
+        """Publish the map's markers anew, if somebody looks and these are other buildings of a server's map by now."""
+        changed = self._drawn is not None and self._drawn is not self.worker.localiser.map
+        if changed and self._publishing.map_is_watched():  # takes a while
             self.draw_map(stamp, clear=False)
 
     def ask(self, request: wire.ExplainRequest | None) -> Future[str]:
