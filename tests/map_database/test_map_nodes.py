@@ -19,7 +19,7 @@ from semloc_core.map_database import LoadedMap, MapDatabase, load
 from semloc_core.model import embed_graph
 from semloc_core.scene_graph import SceneGraph
 
-ROUNDS = 12
+ROUNDS = 4
 CONFIG = LocaliserConfig(filter="bayes")
 UPDATES = [building_update(20, 12), *(delta(seq, query=f"p{seq}") for seq in range(1, 8))]
 
