@@ -81,6 +81,8 @@ def draw(study: Study) -> dict[str, bytes]:
         )
         truth = laid.judged.truth[:2]
         found["failure"] = to_png(
-            failure_figure(here, there, laid.path, truth, laid.answer, laid.seen_here, laid.seen_there)
+            failure_figure(
+                here, there, laid.path, truth, laid.answer, laid.seen_here, laid.seen_there, arena.labelspace.classes
+            )
         )
     return found

@@ -46,13 +46,53 @@ _REST = Style(GREY, ".", (0, (1, 3)), "")
 
 
 def styles(names: Sequence[str]) -> dict[str, Style]:
-    """A style for each name in order; from the eighth on all share one, because no reader tells more apart."""
+    """A style for each series in order; from the eighth on all share one, because no reader tells more apart."""
     return {name: _STYLES[i] if i < len(_STYLES) else _REST for i, name in enumerate(names)}
 
 
-def grouped(names: Sequence[str]) -> tuple[list[str], list[str]]:
-    """The names that get a style of their own, and those that share `OTHER`'s."""
-    return list(names[: len(_STYLES)]), list(names[len(_STYLES) :])
-
-
 OTHER_STYLE = _REST
+
+_MARKERS = (*(style.marker for style in _STYLES), "X", "p", "h", "<", ">")
+_HATCHES = (*(style.hatch for style in _STYLES), "||", "oo", "**", "OO", "---")
+OWN = 14
+"""Classes that a picture shows each by itself; those after them share `OTHER`'s look, so that a legend can be read."""
+
+
+def class_style(index: int) -> Style:
+    """The look of a class by its place in the labelspace, the same in every picture of whatever made it.
+
+    Colours come round after seven classes with another mark and another hatch each time, so that of 84 classes no two
+    look alike; a place that is none (-1) has `OTHER`'s look.
+    """
+    if index < 0:
+        return OTHER_STYLE
+    turn, at = divmod(index, len(_STYLES))
+    turned = (at + turn) % len(_MARKERS)
+    return Style(_STYLES[at].colour, _MARKERS[turned], _STYLES[at].line, _HATCHES[turned])
+
+
+@dataclass(frozen=True)
+class ClassLooks:
+    """How the classes look that a report shows.
+
+    Args:
+        labelspace: all classes of the labelspace; their order gives the looks.
+        order: those that the report shows, those first that matter most: `own` goes by it.
+
+    """
+
+    labelspace: Sequence[str]
+    order: Sequence[str]
+
+    @property
+    def own(self) -> list[str]:
+        """Classes that are shown each by itself."""
+        return list(self.order[:OWN])
+
+    @property
+    def rest(self) -> list[str]:
+        """Classes that are shown together, as `OTHER`."""
+        return list(self.order[OWN:])
+
+    def __getitem__(self, name: str) -> Style:
+        return class_style(self.labelspace.index(name) if name in self.labelspace else -1)

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
-from semloc_core.report.colours import INK, OTHER, OTHER_STYLE, RIGHT, SCALE, WRONG, grouped, styles
+from semloc_core.report.colours import INK, OTHER, OTHER_STYLE, RIGHT, SCALE, WRONG, ClassLooks
 from semloc_core.report.drawing import WIDTH, bare, figure, shown
 from semloc_core.scene_graph import SceneGraph
 
@@ -99,21 +99,20 @@ def draw_building(axes: Axes, plan: Plan, *, objects: bool = False) -> None:
     axes.set_title(plan.name, loc="left")
 
 
-def building_figure(plan: Plan, classes: Sequence[str]) -> Figure:
+def building_figure(plan: Plan, classes: ClassLooks) -> Figure:
     """A building as the map has it: places, the ways between them, objects by class.
 
     Args:
         plan: the building.
-        classes: all classes that the report shows, in its order, so that a class looks alike everywhere.
+        classes: all classes that the report shows, and how they look.
 
     """
-    own, rest = grouped(classes)
-    look = styles(classes)
+    own, rest = classes.own, classes.rest
     with figure(plan.height(legend_height(min(len(plan.objects), len(own) + 1)))) as drawn:
         axes = drawn.add_subplot()
         draw_building(axes, plan)
         for name in [c for c in own if c in plan.objects]:
-            style = look[name]
+            style = classes[name]
             x, y = plan.objects[name].T
             axes.scatter(
                 x, y, s=38, marker=style.marker, color=style.colour, edgecolors=INK, linewidths=0.5, zorder=3,

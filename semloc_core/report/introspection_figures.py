@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from semloc_core.report.colours import INK, SCALE, grouped, styles
+from semloc_core.report.colours import INK, SCALE, ClassLooks, styles
 from semloc_core.report.drawing import WIDTH, bare, figure, shown
 
 Floats = NDArray[np.float64]
@@ -43,13 +43,13 @@ def matrices_figure(matrices: Mapping[str, ArrayLike]) -> Figure:
     return drawn
 
 
-def importance_figure(classes: Sequence[str], importance: Mapping[str, ArrayLike], order: Sequence[str]) -> Figure:
+def importance_figure(classes: Sequence[str], importance: Mapping[str, ArrayLike], looks: ClassLooks) -> Figure:
     """Mean importance of every object, one panel an explainer; objects in the same order in all of them.
 
     Args:
         classes: (O,) class of each object.
         importance: explainer -> (O,) mean score over all places; each panel is scaled by its own largest.
-        order: the classes, in the order of their styles.
+        looks: the classes and how they look.
 
     """
     scores = {name: np.asarray(values, dtype=np.float64) for name, values in importance.items()}
@@ -57,21 +57,20 @@ def importance_figure(classes: Sequence[str], importance: Mapping[str, ArrayLike
         assert values.shape == (len(classes),), values.shape
     scaled = {name: values / max(float(np.abs(values).max(initial=0.0)), 1e-300) for name, values in scores.items()}
     rank = np.argsort(-np.mean(list(scaled.values()), axis=0), kind="stable")
-    look = styles(order)
     with figure(0.9 + 1.15 * len(scores)) as drawn:
         column = drawn.subplots(len(scores), 1, sharex=True, squeeze=False)[:, 0]
         handles = {}
         for number, (axes, (name, values)) in enumerate(zip(column, scaled.items(), strict=True)):
             bare(axes)
             axes.vlines(np.arange(len(rank)), 0.0, values[rank], color=INK, alpha=0.25, linewidth=0.7)
-            for class_ in order:
+            for class_ in looks.order:
                 own = np.flatnonzero(np.array([classes[i] == class_ for i in rank], dtype=np.bool_))
                 if not len(own):
                     continue
-                style = look[class_]
+                style = looks[class_]
                 handles[shown(class_)] = axes.scatter(
                     own, values[rank[own]], s=17, marker=style.marker, color=style.colour, edgecolors=INK,
-                    linewidths=0.3, zorder=3, gid=f"objects-{number}-{order.index(class_)}",
+                    linewidths=0.3, zorder=3, gid=f"objects-{number}-{looks.order.index(class_)}",
                 )  # fmt: skip
             axes.set_title(name.replace("_", " "), loc="left")
             axes.set_ylim(min(-0.05, float(values.min(initial=0.0)) - 0.05), 1.1)
@@ -159,24 +158,24 @@ def randomisation_figure(layers: Sequence[str], correlation: Mapping[str, Sequen
     return drawn
 
 
-def shift_figure(classes: Sequence[str], shift: ArrayLike, drop: ArrayLike, correlation: str = "") -> Figure:
+def shift_figure(classes: ClassLooks, shift: ArrayLike, drop: ArrayLike, correlation: str = "") -> Figure:
     """Change in PR-AUC when a class is removed, against the shift of attention when it is perturbed.
 
     Args:
-        classes: (C,) names, in the order of their styles.
+        classes: the C classes, in ``classes.order``, and how they look.
         shift: (C,) or (C, R) Jensen–Shannon divergence normalised by frequency, a column a run.
         drop: of the same shape, change in PR-AUC normalised by frequency.
         correlation: words to put into the figure, e.g. ``ρ = 0.83 [0.4, 0.95]``.
 
     """
-    x, y = (np.asarray(values, dtype=np.float64).reshape(len(classes), -1) for values in (shift, drop))
+    x, y = (np.asarray(values, dtype=np.float64).reshape(len(classes.order), -1) for values in (shift, drop))
     assert x.shape == y.shape, (x.shape, y.shape)
-    look, own = styles(classes), grouped(classes)[0]
+    own = classes.own
     with figure(3.6, WIDTH) as drawn:
         axes = drawn.add_subplot()
         bare(axes)
-        for number, name in enumerate(classes):
-            style = look[name]
+        for number, name in enumerate(classes.order):
+            style = classes[name]
             axes.scatter(
                 x[number], y[number], s=52, marker=style.marker, color=style.colour, edgecolors=INK, linewidths=0.5,
                 zorder=3, gid=f"class-{number}", label=shown(name),

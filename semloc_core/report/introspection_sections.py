@@ -13,6 +13,7 @@ from semloc_core.evaluate.introspect_run import ABLATION, Run
 from semloc_core.evaluate.introspect_views import Matrices, plan_parts, similarity_to_map
 from semloc_core.evaluate.rows import Row
 from semloc_core.evaluate.table import HIGH, LOW, STD
+from semloc_core.report.colours import ClassLooks
 from semloc_core.report.drawing import to_svg
 from semloc_core.report.floor_plan import Plan, similarity_figure
 from semloc_core.report.introspection_figures import (
@@ -102,7 +103,9 @@ def importance(run: Run, methods: Sequence[str]) -> Section:
         f"few objects carry localisation. By {plain(fewest)}, {half[fewest]} of {len(known)} objects carry half of all "
         f"importance.",
         to_svg(
-            importance_figure(classes, values, order), "importance", "importance of every object, a panel an explainer"
+            importance_figure(classes, values, ClassLooks(space.classes, order)),
+            "importance",
+            "importance of every object, a panel an explainer",
         ),
         [Table("importance by class, first run", rows)],
         wide=True,
@@ -141,7 +144,9 @@ def shift(runs: Sequence[Run], method: str) -> Section:
         f"precision, both for their number. If {plain(method)} said what the model needs, the marks would rise from "
         f"left to right. {verdict}. {words}.",
         to_svg(
-            shift_figure(names, x, y, words), "shift", f"change in PR-AUC against shift of {plain(method)}; {words}"
+            shift_figure(ClassLooks(runs[0].model.labelspace.classes, names), x, y, words),
+            "shift",
+            f"change in PR-AUC against shift of {plain(method)}; {words}",
         ),
         [
             Table(
@@ -230,10 +235,7 @@ def place_query_matrices(found: Matrices) -> Section:
 
 
 def by_weight(run: Run) -> list[str]:
-    """Classes by what one object of theirs counts for, mean over the explainers: a class looks alike in all figures.
-
-    The first ones have looks of their own, so where there are many classes those are told apart that matter.
-    """
+    """Classes by what one object of theirs counts for, mean over the explainers: those are named that matter."""
 
     def weight(name: str) -> float:
         return sum(of[name] for of in run.importance.values()) / run.frequency[name]

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from semloc_core.errors import BagError
 from semloc_core.map_database.loaded import LoadedMap
-from semloc_core.report.colours import INK, OTHER, OTHER_STYLE, RIGHT, WRONG, Style, grouped, styles
+from semloc_core.report.colours import INK, OTHER, OTHER_STYLE, RIGHT, WRONG, ClassLooks
 from semloc_core.report.drawing import figure, shown, to_png
 from semloc_core.report.floor_plan import Floats, Plan, draw_building
 from semloc_core.report.replay_data import Attributed, Point, ReplayData
@@ -33,7 +33,7 @@ def answer_picture(data: ReplayData, loaded: LoadedMap) -> bytes:
     point, attributed = data.best
     assert point.match is not None
     plan = Plan.of(loaded.graph(point.match.map), point.match.map)
-    classes = class_order(data, [plan])
+    classes = ClassLooks(loaded.model.labelspace.classes, class_order(data, [plan]))
     earlier = [
         p.truth[1][:2] for p in data.points if p.truth and p.truth[0] == plan.name and p.seconds <= point.seconds
     ]
@@ -41,11 +41,11 @@ def answer_picture(data: ReplayData, loaded: LoadedMap) -> bytes:
     return to_png(_draw(plan, path, point, attributed, classes), 130)
 
 
-def _draw(plan: Plan, path: Floats, point: Point, attributed: Attributed, classes: list[str]) -> Figure:
+def _draw(plan: Plan, path: Floats, point: Point, attributed: Attributed, classes: ClassLooks) -> Figure:
     assert point.match is not None
     low, high = plan.limits()
     height = float(np.clip(0.62 * _WIDTH * (high - low)[1] / (high - low)[0] + 1.2, _LEAST_HEIGHT, 6.8))
-    look, own = styles(classes), grouped(classes)[0]
+    own = classes.own
     with figure(height, _WIDTH) as drawn:
         left, right = drawn.subplots(1, 2, width_ratios=[2.3, 1])
         draw_building(left, plan)
@@ -63,8 +63,9 @@ def _draw(plan: Plan, path: Floats, point: Point, attributed: Attributed, classe
         left.plot(x, y, "*", ms=21, color=colour, mec=INK, mew=0.9, ls="", label=label, zorder=5)
         for name in [c for c in own if c in plan.objects]:
             x, y = plan.objects[name].T
+            style = classes[name]
             left.scatter(
-                x, y, s=30, marker=look[name].marker, color=look[name].colour, edgecolors=INK, linewidths=0.4, zorder=3,
+                x, y, s=30, marker=style.marker, color=style.colour, edgecolors=INK, linewidths=0.4, zorder=3,
                 label=shown(name),
             )  # fmt: skip
         left_over = [plan.objects[c] for c in plan.objects if c not in own]
@@ -72,17 +73,17 @@ def _draw(plan: Plan, path: Floats, point: Point, attributed: Attributed, classe
             x, y = np.concatenate(left_over).T
             left.scatter(x, y, s=12, color=OTHER_STYLE.colour, zorder=2, label=OTHER)
         drawn.legend(loc="outside lower left", ncols=5, handletextpad=0.4, columnspacing=1.2)
-        _bars(right, attributed, look)
+        _bars(right, attributed, classes)
     return drawn
 
 
-def _bars(axes: Axes, attributed: Attributed, look: dict[str, Style]) -> None:
+def _bars(axes: Axes, attributed: Attributed, classes: ClassLooks) -> None:
     """The largest shares as bars, named by class."""
     shares = [(name, share) for name, share in attributed.classes.items() if share >= 0.005]
     shares = sorted(shares, key=lambda item: (-item[1], item[0]))[:_BARS]
     names = [f"{attributed.instances.get(name, 0)} × {name}" for name, _ in shares]
     for row, (name, share) in enumerate(shares):
-        style = look[name]
+        style = classes[name]
         axes.barh(row, share, 0.62, color=style.colour, hatch=style.hatch, edgecolor=INK, linewidth=0.5)
         axes.annotate(f"{share:.0%}", (share, row), (4, 0), textcoords="offset points", va="center")
     axes.set_yticks(range(len(shares)), names)

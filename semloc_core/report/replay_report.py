@@ -11,6 +11,7 @@ from semloc_core import __version__
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.map_database.loaded import LoadedMap
 from semloc_core.report import replay_sections as sections
+from semloc_core.report.colours import ClassLooks
 from semloc_core.report.floor_plan import Plan
 from semloc_core.report.page import Fact, Page, Section
 from semloc_core.report.replay_data import ReplayData
@@ -42,7 +43,7 @@ TERMS = (
 
 
 def class_order(data: ReplayData, plans: Sequence[Plan]) -> list[str]:
-    """Classes by what they carried in the replay, then by how many the map has: a class looks alike in all figures."""
+    """Classes by what they carried in the replay, then by how many the map has."""
     carried: Counter[str] = Counter()
     for attributed in data.shares:
         carried.update(attributed.classes)
@@ -71,7 +72,7 @@ def replay_page(data: ReplayData, loaded: LoadedMap, results_name: str) -> Page:
 
     """
     plans = shown_plans(data, loaded)
-    classes = class_order(data, plans)
+    classes = ClassLooks(loaded.model.labelspace.classes, class_order(data, plans))
     found: list[Section | None] = [
         sections.buildings(plans, classes, len(loaded.buildings)),
         sections.where(data, plans),

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.evaluate.rows import Row
-from semloc_core.report.colours import OTHER, grouped
+from semloc_core.report.colours import OTHER, ClassLooks
 from semloc_core.report.drawing import to_svg
 from semloc_core.report.floor_plan import Plan, building_figure, confusion_figure, path_figure
 from semloc_core.report.page import Section, Table
@@ -185,13 +185,13 @@ def _runs(points: Sequence[Point], names: Sequence[str]) -> Iterator[Run]:
             start = ends[i]
 
 
-def shares(data: ReplayData, classes: Sequence[str]) -> Section | None:
+def shares(data: ReplayData, classes: ClassLooks) -> Section | None:
     """Class shares over time."""
     series = list(data.shares)
     if not series:
         return None
-    present = [name for name in classes if any(name in a.classes for a in series)]
-    own, rest = grouped(classes)
+    present = [name for name in classes.order if any(name in a.classes for a in series)]
+    own, rest = classes.own, classes.rest
     stacked = {name: [a.classes.get(name, 0.0) for a in series] for name in own if name in present}
     if set(rest) & set(present):
         stacked[OTHER] = [sum(a.classes.get(name, 0.0) for name in rest) for a in series]
@@ -274,7 +274,7 @@ def confusions(data: ReplayData, plans: Sequence[Plan]) -> Section | None:
     )
 
 
-def buildings(plans: Sequence[Plan], classes: Sequence[str], in_map: int) -> Section:
+def buildings(plans: Sequence[Plan], classes: ClassLooks, in_map: int) -> Section:
     """What the map knows: places and objects by class."""
     drawings = [
         to_svg(
@@ -286,7 +286,7 @@ def buildings(plans: Sequence[Plan], classes: Sequence[str], in_map: int) -> Sec
     ]
     rows: list[Row] = [
         {"class": name, **{plan.name: len(plan.objects.get(name, ())) for plan in plans}}
-        for name in classes
+        for name in classes.order
         if any(name in plan.objects for plan in plans)
     ]
     sizes: list[Row] = [

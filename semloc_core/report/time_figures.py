@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from semloc_core.evaluate.rows import Row
-from semloc_core.report.colours import BLUE, GREY, INK, ORANGE, OTHER, OTHER_STYLE, styles
+from semloc_core.report.colours import BLUE, GREY, INK, ORANGE, OTHER, OTHER_STYLE, ClassLooks, styles
 from semloc_core.report.drawing import bare, figure, shown
 from semloc_core.traversal_score import FROM_METRES
 
@@ -67,16 +67,15 @@ def confidence_figure(seconds: ArrayLike, similarity: ArrayLike, probability: Ar
     return drawn
 
 
-def shares_figure(seconds: Sequence[float], shares: Mapping[str, Sequence[float]], classes: Sequence[str]) -> Figure:
+def shares_figure(seconds: Sequence[float], shares: Mapping[str, Sequence[float]], classes: ClassLooks) -> Figure:
     """Shares of classes, stacked, over time.
 
     Args:
         seconds: (T,) rising.
         shares: class, or `OTHER`, -> (T,) its share; stacked in this order from below.
-        classes: all classes that the report shows, in its order.
+        classes: how they look.
 
     """
-    look = {**styles(classes), OTHER: OTHER_STYLE}
     times, index = _held(np.asarray(seconds, dtype=np.float64))
     with figure(3.5) as drawn:
         axes = drawn.add_subplot()
@@ -84,8 +83,9 @@ def shares_figure(seconds: Sequence[float], shares: Mapping[str, Sequence[float]
         below = np.zeros(len(times))
         for i, (name, values) in enumerate(shares.items()):
             above = below + np.append(values, 0.0)[index]
+            look = OTHER_STYLE if name == OTHER else classes[name]
             axes.fill_between(
-                times, below, above, step="post", facecolor=look[name].colour, edgecolor=INK, hatch=look[name].hatch,
+                times, below, above, step="post", facecolor=look.colour, edgecolor=INK, hatch=look.hatch,
                 linewidth=0.3, alpha=0.85, label=shown(name), gid=f"share-{i}",
             )  # fmt: skip
             below = above

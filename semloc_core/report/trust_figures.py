@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from semloc_core.report.colours import INK, OTHER, OTHER_STYLE, WRONG, grouped, styles
+from semloc_core.report.colours import INK, OTHER, OTHER_STYLE, WRONG, ClassLooks, styles
 from semloc_core.report.drawing import bare, figure, shown
 from semloc_core.report.floor_plan import Plan, draw_building
 
@@ -81,6 +81,7 @@ def failure_figure(
     answer: ArrayLike,
     seen_here: Mapping[str, ArrayLike],
     seen_there: Mapping[str, ArrayLike],
+    labelspace: Sequence[str],
 ) -> Figure:
     """A wrong answer: on the left where the robot is, on the right where it was put, and how what it saw fits there.
 
@@ -89,15 +90,17 @@ def failure_figure(
         path: (T, 2) the way walked, metres.
         truth, answer: (2,) where the robot is, and where it was put.
         seen_here, seen_there: class -> (n, 2) seen objects, laid on either building.
+        labelspace: its classes, which give the looks.
 
     """
     names = sorted(seen_here, key=lambda name: (-len(np.asarray(seen_here[name])), name))
+    looks = ClassLooks(labelspace, names)
     with figure(5.4, 9.6) as drawn:
         left, right = drawn.subplots(1, 2)
-        _laid(left, here, seen_here, names, f"where the robot is: {here.name}")
+        _laid(left, here, seen_here, looks, f"where the robot is: {here.name}")
         left.plot(*np.asarray(path, dtype=np.float64).T, color=INK, linewidth=2.0, label="the robot's path", zorder=2.5)
         left.plot(*np.asarray(truth), "o", ms=9, color="white", mec=INK, mew=2.2, ls="", label="the robot", zorder=6)
-        _laid(right, there, seen_there, names, f"where it was put: {there.name}")
+        _laid(right, there, seen_there, looks, f"where it was put: {there.name}")
         right.plot(*np.asarray(answer), "*", ms=19, color=WRONG, mec=INK, ls="", label="the answer", zorder=6)
         found = dict(
             item for axes in (left, right) for item in zip(*reversed(axes.get_legend_handles_labels()), strict=True)
@@ -106,13 +109,11 @@ def failure_figure(
     return drawn
 
 
-def _laid(axes: Axes, plan: Plan, seen: Mapping[str, ArrayLike], names: Sequence[str], title: str) -> None:
-    own, rest = grouped(names)
-    look = styles(names)
+def _laid(axes: Axes, plan: Plan, seen: Mapping[str, ArrayLike], looks: ClassLooks, title: str) -> None:
     draw_building(axes, plan)
     axes.set_title(title, loc="left")
-    for name in own:
-        style = look[name]
+    for name in looks.own:
+        style = looks[name]
         mapped = plan.objects.get(name, np.zeros((0, 2)))
         x, y = mapped.T
         axes.scatter(
@@ -123,8 +124,8 @@ def _laid(axes: Axes, plan: Plan, seen: Mapping[str, ArrayLike], names: Sequence
             x, y, s=34, marker=style.marker, color=style.colour, edgecolors=INK, linewidths=0.5,
             zorder=4, label=shown(name),
         )  # fmt: skip
-    if rest:
-        others = np.concatenate([_points(seen[name]) for name in rest])
+    if looks.rest:
+        others = np.concatenate([_points(seen[name]) for name in looks.rest])
         x, y = others.T
         axes.scatter(x, y, s=16, color=OTHER_STYLE.colour, zorder=3, label=OTHER)
     every = np.concatenate([_points(points) for points in seen.values()])

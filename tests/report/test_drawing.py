@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from svg_marks import Marks
 
-from semloc_core.report.colours import INK, OTHER_STYLE, styles
+from semloc_core.report.colours import INK, OTHER_STYLE, ClassLooks, styles
 from semloc_core.report.drawing import figure, to_png, to_svg
 
 
@@ -88,5 +88,5 @@ def test_styles_differ_in_more_than_colour():
 def test_a_class_whose_name_begins_with_an_underscore_is_in_the_legend(name):
     from semloc_core.report.time_figures import shares_figure
 
-    marks = Marks(shares_figure([0.0, 1.0], {name: [1.0, 1.0]}, [name]))
+    marks = Marks(shares_figure([0.0, 1.0], {name: [1.0, 1.0]}, ClassLooks([name], [name])))
     assert any(label.lstrip("\u200b") == name for label in marks.labels)

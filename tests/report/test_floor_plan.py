@@ -3,6 +3,7 @@ import pytest
 from small_building import building_update
 from svg_marks import Marks
 
+from semloc_core.report.colours import OWN, ClassLooks
 from semloc_core.report.floor_plan import Plan, building_figure, confusion_figure, path_figure, similarity_figure
 from semloc_core.scene_graph import SceneGraph
 
@@ -26,16 +27,17 @@ def test_plan_has_every_place_edge_and_object(plan):
 
 def test_building_shows_each_object_in_the_style_of_its_class(plan):
     classes = list(plan.objects)
-    marks = Marks(building_figure(plan, classes))
+    marks = Marks(building_figure(plan, ClassLooks(classes, classes)))
     assert marks.count("places") == 12
     for number, name in enumerate(classes):
         assert marks.count(f"class-{number}") == len(plan.objects[name])
         assert f"{name} ({len(plan.objects[name])})" in marks.labels
 
 
-def test_classes_beyond_the_seventh_are_drawn_together(plan):
+def test_classes_beyond_those_a_legend_can_hold_are_drawn_together(plan):
     last = next(iter(plan.objects))
-    marks = Marks(building_figure(plan, [*"abcdefg", *plan.objects]))
+    order = [*"abcdefghijklmnop"[:OWN], *plan.objects]
+    marks = Marks(building_figure(plan, ClassLooks(order, order)))
     assert marks.count("class-other") == 9
     assert "other classes (9)" in marks.labels
     assert not any(label.startswith(f"{last} (") for label in marks.labels)
@@ -79,4 +81,4 @@ def test_similarities_of_other_places_are_refused(plan):
 @pytest.mark.parametrize("places", [np.zeros((0, 2)), np.array([[3.0, 4.0]])])
 def test_a_building_of_no_or_one_place_can_be_drawn(places):
     plan = Plan("hut", places, np.zeros((0, 2, 2)), {})
-    assert Marks(building_figure(plan, [])).count("places") == len(places)
+    assert Marks(building_figure(plan, ClassLooks([], []))).count("places") == len(places)

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from svg_marks import Marks
 
+from semloc_core.report.colours import ClassLooks
 from semloc_core.report.introspection_figures import (
     FidelityCurves,
     fidelity_figure,
@@ -28,14 +29,19 @@ def test_matrices_of_different_shapes_are_refused():
 def test_importance_has_a_mark_for_each_object_of_each_explainer():
     classes = ["chair"] * 5 + ["plant"] * 2
     scores = {"saliency": np.arange(7.0), "attention": np.arange(7.0)[::-1]}
-    marks = Marks(importance_figure(classes, scores, ["chair", "plant"]))
+    marks = Marks(importance_figure(classes, scores, ClassLooks(["chair", "plant"], ["chair", "plant"])))
     for panel in (0, 1):
         assert (marks.count(f"objects-{panel}-0"), marks.count(f"objects-{panel}-1")) == (5, 2)
     assert {"saliency", "attention", "chair", "plant"} <= set(marks.labels)
 
 
 def test_importance_of_nothing_but_zeros_can_be_drawn():
-    assert Marks(importance_figure(["chair"], {"saliency": np.zeros(1)}, ["chair"])).count("objects-0-0") == 1
+    assert (
+        Marks(importance_figure(["chair"], {"saliency": np.zeros(1)}, ClassLooks(["chair"], ["chair"]))).count(
+            "objects-0-0"
+        )
+        == 1
+    )
 
 
 def test_fidelity_has_each_explainer_in_each_panel_and_says_what_is_a_control():
@@ -58,7 +64,12 @@ def test_a_curve_of_another_length_is_refused():
 
 def test_shift_names_each_class_at_its_marks_and_gives_the_correlation():
     marks = Marks(
-        shift_figure(["couch", "chair"], [[1, 2, 3], [2, 3, 4]], [[1, 1, 2], [0, 1, 0]], "ρ = 0.8 [0.1, 0.9]")
+        shift_figure(
+            ClassLooks(["chair", "couch"], ["couch", "chair"]),
+            [[1, 2, 3], [2, 3, 4]],
+            [[1, 1, 2], [0, 1, 0]],
+            "ρ = 0.8 [0.1, 0.9]",
+        )
     )
     assert (marks.count("class-0"), marks.count("class-1")) == (3, 3)
     assert {"couch", "chair", "ρ = 0.8 [0.1, 0.9]"} <= set(marks.labels)

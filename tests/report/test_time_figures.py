@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from svg_marks import Marks
 
-from semloc_core.report.colours import OTHER
+from semloc_core.report.colours import OTHER, ClassLooks
 from semloc_core.report.time_figures import (
     bracket,
     confidence_figure,
@@ -11,6 +11,8 @@ from semloc_core.report.time_figures import (
     status_figure,
     success_figure,
 )
+
+LOOKS = ClassLooks(["chair"], ["chair"])
 
 
 def test_each_status_has_its_lane_and_each_stretch_its_bar():
@@ -38,7 +40,7 @@ def test_all_answers_without_a_match_can_be_drawn():
 
 
 def test_shares_stack_up_to_one_and_are_named():
-    marks = Marks(shares_figure([0, 1, 2], {"chair": [0.5, 0.2, 0.1], OTHER: [0.5, 0.8, 0.9]}, ["chair"]))
+    marks = Marks(shares_figure([0, 1, 2], {"chair": [0.5, 0.2, 0.1], OTHER: [0.5, 0.8, 0.9]}, LOOKS))
     assert {"chair", OTHER} <= set(marks.labels)
     assert marks.count("share-0") >= 1
     assert marks.count("share-1") >= 1
@@ -53,7 +55,7 @@ def test_shares_are_not_drawn_on_over_a_silence():
 
 
 def test_one_attribution_alone_can_be_drawn():
-    assert Marks(shares_figure([3.0], {"chair": [1.0]}, ["chair"])).count("share-0") >= 1
+    assert Marks(shares_figure([3.0], {"chair": [1.0]}, LOOKS)).count("share-0") >= 1
 
 
 def test_success_has_a_bar_for_each_figure_of_each_row():
