@@ -9,15 +9,17 @@ import msgspec
 import numpy as np
 import pytest
 import torch
-from small_building import SPACE, building_update, make_map, make_model
+from small_building import CLASSES, SPACE, building_update, delta, make_map, make_model
 
 from semloc_core import wire
+from semloc_core.config import LocaliserConfig
 from semloc_core.encoder import ENCODERS
 from semloc_core.localiser import Localiser
 from semloc_core.model import embed_batch
 from semloc_core.place_graph import Batch, extract
 from semloc_core.scene_graph import SceneGraph
 from semloc_core.visibility import Visibility
+from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 CLOSE = 1e-5
 LEARNED = [name for name in ENCODERS if name not in ("bag_of_words", "tfidf", "histogram")]
@@ -38,32 +40,65 @@ def test_a_batch_of_one_is_as_a_batch_of_many(name):
     assert np.abs(many - one).max() < CLOSE
 
 
+def walk() -> list[SceneGraphUpdate]:
+    """A building, and updates of every kind while the robot walks on."""
+    things = [Object(f"n{i}", CLASSES[i % 4], (12.0 + i, 0.5, 0.3)) for i in range(5)]
+    rooms = [Place(f"q{i}", (12.0 + 0.5 * i, 1.0, 0.0)) for i in range(5)]
+    return [
+        building_update(30, 20),
+        delta(1, query="p7", objects=things, edges=[(f"p{12 + i}", f"n{i}") for i in range(5)]),
+        delta(2, query="p9", places=rooms, edges=[(f"q{i}", f"p{12 + i}") for i in range(5)]),
+        delta(3, query="p11", removed_nodes=["o1", "o2", "p28"], sightings=[("p11", "n0"), ("p12", "n0")]),
+        delta(4, query="q3", places=[Place("q1", (12.4, 1.3, 0.0)), Place("p14", (14.1, 0.2, 0.0))]),
+    ]
+
+
+def shuffled(update: SceneGraphUpdate, rng: random.Random) -> SceneGraphUpdate:
+    """The same update, in another order; edges also the other way round."""
+    lists = ("places", "objects", "sightings", "removed_nodes")
+    parts = {part: rng.sample(getattr(update, part), len(getattr(update, part))) for part in lists}
+    edges = [pair if rng.random() < 0.5 else pair[::-1] for pair in rng.sample(update.edges, len(update.edges))]
+    return msgspec.structs.replace(update, **parts, edges=edges)
+
+
+@pytest.mark.parametrize(("rerank", "filter_"), [("layout", "none"), ("layout", "bayes"), ("none", "bayes")])
 @pytest.mark.parametrize("name", LEARNED)
-def test_the_order_of_nodes_and_edges_in_a_message_does_not_matter(name, tmp_path):
-    """Byte for byte, explanation included."""
-    loaded = make_map(tmp_path / "home.map", make_model(name), home=building_update(30, 20))
-    update, rng, answers = building_update(30, 20), random.Random(0), set()
-    for _ in range(4):
-        parts = {part: rng.sample(getattr(update, part), len(getattr(update, part))) for part in ("places", "objects")}
-        edges = [pair if rng.random() < 0.5 else pair[::-1] for pair in rng.sample(update.edges, len(update.edges))]
-        result = Localiser(loaded).update(msgspec.structs.replace(update, **parts, edges=edges))
-        assert result.attributions is not None
-        answers.add(wire.encode(result.matches) + wire.encode(result.attributions))
+def test_the_order_of_nodes_and_edges_in_a_message_does_not_matter(name, rerank, filter_, tmp_path):
+    """Byte for byte, explanation included, from the first update to the last of a walk."""
+    buildings = {"home": building_update(30, 20), "other": building_update(25, 18, seed=4)}
+    loaded = make_map(tmp_path / "home.map", make_model(name), **buildings)
+    rng, answers = random.Random(0), set()
+    for _ in range(3):
+        localiser = Localiser(loaded, LocaliserConfig(explain_rate_hz=1000.0, rerank=rerank, filter=filter_))
+        said = b""
+        for update in walk():
+            result = localiser.update(shuffled(update, rng))
+            assert result.attributions is not None
+            said += wire.encode(result.matches) + wire.encode(result.attributions)
+        answers.add(said)
     assert len(answers) == 1
 
 
 def test_the_number_of_threads_does_not_matter(tmp_path):
     """Byte for byte: the wire rounds to 6 decimals, and the few candidates of a search are scored in float64."""
-    loaded = make_map(tmp_path / "home.map", make_model("paper"), home=building_update(30, 20))
-    (tmp_path / "update.json").write_bytes(wire.encode(building_update(30, 20)))
+    encoders = ("paper", "geodesic_attention")
+    for name in encoders:
+        loaded = make_map(tmp_path / f"{name}.map", make_model(name), home=building_update(30, 20))
+    (tmp_path / "walk.json").write_bytes(b"\n".join(wire.encode(update) for update in walk()))
     program = f"""
 import sys, torch
 torch.set_num_threads(int(sys.argv[1]))
 from semloc_core import wire
+from semloc_core.config import LocaliserConfig
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import load
-result = Localiser(load({str(tmp_path / "home.map")!r})).update(open({str(tmp_path / "update.json")!r}).read())
-sys.stdout.buffer.write(wire.encode(result.matches) + wire.encode(result.attributions))
+folder = {str(tmp_path)!r}
+for name, filter_ in [(name, filter_) for name in {encoders} for filter_ in ("none", "bayes")]:
+    config = LocaliserConfig(explain_rate_hz=1000.0, filter=filter_)
+    localiser = Localiser(load(f"{{folder}}/{{name}}.map"), config)
+    for line in open(f"{{folder}}/walk.json"):
+        result = localiser.update(line)
+        sys.stdout.buffer.write(wire.encode(result.matches) + wire.encode(result.attributions))
 """
     said = {
         subprocess.run(
