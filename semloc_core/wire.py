@@ -42,6 +42,7 @@ from semloc_core.messages import (
     Sequence64,
     Status,
     WhyNot,
+    WithoutClass,
 )
 
 __all__ = [
@@ -71,6 +72,7 @@ __all__ = [
     "Sequence64",
     "Status",
     "WhyNot",
+    "WithoutClass",
     "decode",
     "decode_update",
     "encode",

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from rich.table import Table
 
 from semloc_core.cli.screen import console, print_whole
-from semloc_core.messages import Counterfactual, Explanation, MethodAttributions, PlaceMatches, WhyNot
+from semloc_core.messages import Counterfactual, Explanation, MethodAttributions, PlaceMatches, WhyNot, WithoutClass
 
 CLASSES = 8
 """Classes printed at most; the JSON has all."""
@@ -60,7 +60,7 @@ def print_explanation(explanation: Explanation) -> None:
         head("WHY", f"{of}: no object counted")
     if explanation.why_not is not None:
         _print_why_not(explanation.why_not, explanation.similarity)
-    _print_what_if(order, explanation.counterfactual)
+    _print_what_if(order, explanation.counterfactual, explanation.without or [])
 
 
 def _print_methods(order: Sequence[MethodAttributions], of: str) -> None:
@@ -115,8 +115,10 @@ def _print_why_not(other: WhyNot, similarity: float | None) -> None:
         line(f"{contrast.score:+.4f}  {contrast.class_}: for {'this place' if contrast.score > 0 else 'the top match'}")
 
 
-def _print_what_if(order: Sequence[MethodAttributions], found: Counterfactual | None) -> None:
-    said = []
+def _print_what_if(
+    order: Sequence[MethodAttributions], found: Counterfactual | None, without: Sequence[WithoutClass]
+) -> None:
+    said = [_without(of) for of in without]
     if order and (fidelity := order[0].fidelity) is not None and order[0].classes:
         put = f"the {fidelity.budget:.0%} of the objects that {order[0].method} puts first"
         said.append(f"without {put}")
@@ -129,6 +131,15 @@ def _print_what_if(order: Sequence[MethodAttributions], found: Counterfactual | 
         said.append("no removal of objects that was tried changes the top match by similarity")
     for number, text in enumerate(said):
         (line if number else lambda words: head("WHAT IF", words))(text)
+
+
+def _without(found: WithoutClass) -> str:
+    """The answer without a class, by similarity and layout."""
+    seen = f"had it seen no {found.class_}"
+    if found.map is None:
+        return f"{seen}: nothing to go by"
+    there = "the same answer" if found.same else f"{found.map}, place {found.place}"
+    return f"{seen}: {there}, probability {found.probability:.3f}"
 
 
 def _columns(*names: tuple[str, str]) -> Table:

@@ -34,7 +34,8 @@ def layout_attributions(located: Located) -> tuple[MethodAttributions, float]:
     if evidence is None:
         raise SemlocError("expected an answer that was put to the test by layout (got one that was not)")
     names = located.map.model.labelspace.classes
-    of_objects = list(zip(evidence.object_ids, evidence.classes.tolist(), evidence.explained.tolist(), strict=True))
+    seen = evidence.fragment
+    of_objects = list(zip(seen.object_ids, seen.classes.tolist(), evidence.explained.tolist(), strict=True))
     total = {names[class_]: -nats for class_, nats in evidence.missing.items()}
     instances = dict.fromkeys(total, 0)
     for _, class_, nats in of_objects:

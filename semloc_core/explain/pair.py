@@ -16,6 +16,7 @@ from semloc_core.explain.fidelity import BUDGET, own_fidelity
 from semloc_core.explain.layout_scores import LAYOUT, layout_attributions
 from semloc_core.explain.scores import class_scores, object_scores
 from semloc_core.explain.similarity import PerturbedEncoder, SimilarityQuery
+from semloc_core.explain.without import without_classes
 from semloc_core.messages import ExplainRequest, Explanation, MethodAttributions
 
 if TYPE_CHECKING:  # the localiser explains its own answers
@@ -126,8 +127,8 @@ def explain_pair(
     """Explain a query and a place of the map by several methods, with a counterfactual and a contrast to the top match.
 
     The top match is the answer's, after verification by layout where that is on. What is explained is the embedding's
-    similarity; of the published place also the test by layout, by the method of that name. Contrast and
-    counterfactual say nothing of layout, and the counterfactual is of the search by similarity alone.
+    similarity; of the published place also the test by layout, by the method of that name, and what the answer would be
+    without each class. Contrast and counterfactual say nothing of layout.
 
     Args:
         located: an answer with an embedded query.
@@ -183,4 +184,5 @@ def explain_pair(
         methods=said,
         counterfactual=counterfactual(loaded, perturbed, names, z),
         why_not=why_not(loaded, perturbed, names, z, row, _listed(located), np.random.default_rng(seed)),
+        without=without_classes(located, perturbed) if tested else None,
     )

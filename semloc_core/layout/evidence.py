@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semloc_core.graph_arrays import Floats, Ints
+from semloc_core.graph_arrays import Floats
 from semloc_core.layout.around import sums
 from semloc_core.layout.fragment import Fragment
 from semloc_core.layout.mapped import MappedLayout
@@ -23,8 +23,7 @@ class Evidence:
     Args:
         row: of the map.
         score: log-likelihood ratio (natural): the objects as mapped around there, against all invented.
-        object_ids: n objects seen.
-        classes: (n,) indices into the labelspace.
+        fragment: what was seen, n objects.
         explained: (n,) what each adds, ≥ 0.
         missing: class -> what mapped objects of it that should have been seen take away, > 0.
         walls: what known places take away where the map has no room, ≥ 0.
@@ -33,8 +32,7 @@ class Evidence:
 
     row: int
     score: float
-    object_ids: tuple[str, ...]
-    classes: Ints
+    fragment: Fragment
     explained: Floats
     missing: Mapping[int, float]
     walls: float
@@ -61,8 +59,7 @@ def evidence(mapped: MappedLayout, fragment: Fragment, verified: Verified, row: 
     return Evidence(
         row=row,
         score=float(verified.score[i]),
-        object_ids=fragment.object_ids,
-        classes=fragment.classes,
+        fragment=fragment,
         explained=verified.explained[i],
         missing={int(c): float(by_class[c]) for c in np.flatnonzero(by_class > 0)},
         walls=float(verified.walls[i]),

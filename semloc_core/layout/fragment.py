@@ -40,6 +40,12 @@ class Fragment:
         assert self.classes.shape == (n,), self.classes.shape
         assert self.places.ndim == 2, self.places.shape
 
+    def without(self, class_: int) -> Fragment:
+        """The same with no object of a class seen."""
+        stays = self.classes != class_
+        ids = tuple(id_ for id_, kept in zip(self.object_ids, stays.tolist(), strict=True) if kept)
+        return Fragment(self.objects[stays], self.classes[stays], ids, self.places)
+
 
 def fragment_of_graph(graph: SceneGraph, labelspace: Labelspace, place: str, config: LayoutConfig) -> Fragment:
     """The surroundings of a place of a live graph; objects of classes that the labelspace lacks are left out."""

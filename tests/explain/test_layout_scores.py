@@ -89,3 +89,30 @@ def test_the_order_of_a_message_has_no_say(loaded):
     )
     texts = [wire.encode(localised(loaded, one)[1].attributions) for one in (update, turned)]
     assert texts[0] == texts[1]
+
+
+def test_without_a_class_the_whole_question_is_asked_again(loaded):
+    localiser, result = localised(loaded, building_update())
+    located = localiser.ask()
+    without = explain_pair(located, located.best_row).without
+    assert [of.class_ for of in without] == [of.class_ for of in result.attributions.classes]
+    for found in without:
+        asked = localised(loaded, update_without(found.class_))[1].matches.matches[0]
+        assert (found.map, found.place) == (asked.map, asked.place)
+        assert found.probability == pytest.approx(asked.probability, abs=1e-6)
+        assert found.same == (asked.map == "home" and abs(asked.position[0] - 5.0) <= 4.0)
+    assert explain_pair(located, (located.best_row + 7) % loaded.n_places).without is None
+
+
+def test_where_nothing_would_be_left_there_is_no_answer(loaded):
+    one = building_update()
+    chairs = {item.id for item in one.objects if item.class_ == "chair"}
+    only = wire.SceneGraphUpdate(
+        **{name: getattr(one, name) for name in one.__struct_fields__ if name not in ("objects", "edges")},
+        objects=[item for item in one.objects if item.id in chairs],
+        edges=[edge for edge in one.edges if set(edge) <= chairs | {place.id for place in one.places}],
+    )
+    localiser, _ = localised(loaded, only)
+    located = localiser.ask()
+    (said,) = explain_pair(located, located.best_row).without
+    assert said == wire.WithoutClass("chair", None, None, 0.0, False)
