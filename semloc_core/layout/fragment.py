@@ -56,11 +56,12 @@ def fragment_of_graph(graph: SceneGraph, labelspace: Labelspace, place: str, con
         for key, item in graph.objects.items()
         if -reach <= item.position[0] - x <= reach and -reach <= item.position[1] - y <= reach
     ]
-    items = [graph.objects[key] for key in sorted(beside)]
+    beside.sort()
+    items = [graph.objects[key] for key in beside]
     objects = np.array([item.position for item in items], dtype=np.float64).reshape(-1, 3)
     classes = np.array([labelspace.index(item.class_) for item in items], dtype=np.int64)
     origin = np.array(graph.places[place], dtype=np.float64)
-    return _around(origin, objects, classes, sorted(beside), graph.index.positions, config)
+    return _around(origin, objects, classes, beside, graph.index.positions, config)
 
 
 def fragment_of_arrays(graph: GraphArrays, place: int, config: LayoutConfig) -> Fragment:
@@ -83,11 +84,13 @@ def thinned(places: Floats) -> Floats:
     cells = np.floor(places / CELL_M)
     off = ((places - (cells + 0.5) * CELL_M) ** 2).sum(axis=1)
     number = _numbered(cells)
-    # Of places as near the middle the first by its coordinates: the order in which places came has no say.
-    order = np.lexsort((*places.T, off, number))
-    ordered = number[order]
+    order = np.lexsort((off, number))
+    same = np.diff(number[order]) == 0
+    if (same & (np.diff(off[order]) == 0)).any():
+        # Of places as near the middle the first by its coordinates: the order in which places came has no say.
+        order = np.lexsort((*places.T, off, number))
     first = np.ones(len(order), dtype=np.bool_)
-    first[1:] = ordered[1:] != ordered[:-1]
+    first[1:] = ~same
     kept: Floats = places[order[first]]
     return kept
 

@@ -47,13 +47,19 @@ def heading_scores(mapped: MappedLayout, fragment: Fragment, candidates: Ints) -
     # Far from the robot a heading that is off by a few steps misses.
     far = pairs.scale >= np.float32(SHARP)
     sharp, blunt = np.flatnonzero(far), np.flatnonzero(~far)
-    turn = pairs.turn[sharp]
+    turn = pairs.turn.take(sharp)
     nearest = np.rint(turn * np.float32(1 / STEP))
     turn -= nearest * np.float32(STEP)
-    first = nearest.astype(np.int64) % HEADINGS
-    at = (_numbers(first, 2 * BESIDE + 1, n * k, pairs.row[sharp]), _numbers(BESIDE, HEADINGS, n * k, pairs.row[blunt]))
-    votes = (pairs.votes(sharp, turn, _BESIDE), pairs.votes(blunt, pairs.turn[blunt], _AROUND))
-    odds = sums(np.concatenate(at), np.concatenate(votes), _ROWS * n * k).reshape(_ROWS, n, k)
+    first = nearest.astype(np.int64) % HEADINGS * (n * k) + pairs.row.take(sharp)
+    # Both kinds of votes are put where they are counted: there are many.
+    split = len(_BESIDE) * len(sharp)
+    at = np.empty(split + len(_AROUND) * len(blunt), dtype=np.int64)
+    votes = np.empty(len(at), dtype=np.float32)
+    np.add(first, _above(_BESIDE, n * k), out=at[:split].reshape(len(_BESIDE), -1))
+    np.add(pairs.row.take(blunt) + BESIDE * n * k, _above(_AROUND, n * k), out=at[split:].reshape(len(_AROUND), -1))
+    pairs.vote(sharp, turn, _BESIDE, votes[:split].reshape(len(_BESIDE), -1))
+    pairs.vote(blunt, pairs.turn.take(blunt), _AROUND, votes[split:].reshape(len(_AROUND), -1))
+    odds = sums(at, votes, _ROWS * n * k).reshape(_ROWS, n, k)
     # Headings before the first and after the last are those at the other end.
     odds[HEADINGS : HEADINGS + BESIDE] += odds[:BESIDE]
     odds[BESIDE : 2 * BESIDE] += odds[HEADINGS + BESIDE :]
@@ -66,9 +72,9 @@ def heading_scores(mapped: MappedLayout, fragment: Fragment, candidates: Ints) -
     return gained.T.astype(np.float32, order="C")
 
 
-def _numbers(first: Ints | int, headings: int, size: int, row: Ints) -> Ints:
-    """(headings · P,) places in a table of headings over rows of ``size``: from a first heading on, at (P,) rows."""
-    return ((first * size + row) + (np.arange(headings) * size)[:, None]).ravel()
+def _above(halves: Floats32, size: int) -> Ints:
+    """(S, 1) where S headings begin, from the first, in a table of headings over ``size`` numbers."""
+    return (np.arange(len(halves)) * size)[:, None]
 
 
 def _halves(steps: Ints) -> Floats32:
@@ -98,16 +104,15 @@ class _Pairs:
     turn: Floats32
     scale: Floats32
 
-    def votes(self, chosen: Ints, turn: Floats32, halves: Floats32) -> Floats32:
-        """(S · p,) float32 votes of p pairs that are off by (p,) turn, for S headings."""
+    def vote(self, chosen: Ints, turn: Floats32, halves: Floats32, votes: Floats32) -> None:
+        """Put into (S, p) the votes of p pairs that are off by (p,) turn, for S headings."""
         half = turn * np.float32(0.5)
-        votes: Floats32 = halves @ np.stack([np.sin(half), np.cos(half)])
+        np.matmul(halves, np.stack([np.sin(half), np.cos(half)]), out=votes)
         votes *= votes
-        votes *= self.scale[chosen] * np.float32(-0.5)
-        votes += self.less[chosen]
+        votes *= self.scale.take(chosen) * np.float32(-0.5)
+        votes += self.less.take(chosen)
         np.exp(votes, out=votes)
-        votes *= self.odds[chosen]
-        return votes.ravel()
+        votes *= self.odds.take(chosen)
 
 
 def _pairs(mapped: MappedLayout, fragment: Fragment, voters: Ints, candidates: Ints) -> _Pairs:
