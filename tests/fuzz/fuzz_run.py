@@ -3,7 +3,7 @@
 Inputs are damaged seeds, the same for the same seed. An input that raises what it must not, hangs or takes too much
 memory is kept under ``out/fuzz/<target>``; put it into ``tests/fuzz/regressions/<target>`` and it is tried by every
 test run. ``--engine atheris`` (an extra, ``semloc[fuzz]``) is guided by coverage of semloc_core instead, and keeps
-its corpus there from run to run.
+its corpus there from run to run, beginning with ``tests/fuzz/corpus``.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from types import FrameType
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
+CORPUS = ROOT / "tests" / "fuzz" / "corpus"
 sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "tests" / "fuzz")]
 
 HANG_S = 20  # of one input's own CPU time
@@ -111,7 +112,7 @@ def by_coverage(name: str, seconds: float, corpus: Path, seed: int = 0) -> None:
         from fuzz_targets import TARGETS
     corpus.mkdir(parents=True, exist_ok=True)
     target = TARGETS[name](Path(tempfile.mkdtemp()))
-    for each in target.seeds:
+    for each in [*target.seeds, *(path.read_bytes() for path in (CORPUS / name).glob("*"))]:
         (corpus / hashlib.sha256(each).hexdigest()[:16]).write_bytes(each)
 
     def mutate(data: bytes, max_size: int, seed: int) -> bytes:
