@@ -169,14 +169,16 @@ def best_poses(scores: Floats32, positions: Floats, building: Ints, most: int, a
         peaks, value = peaks[some], value[some]
     order = np.argsort(-value, kind="stable")[: 8 * most]
     place, heading = np.divmod(peaks[order], HEADINGS)
-    at, of = positions[place], building[place]
+    at, of, step = positions[place].T.copy(), building[place], heading.astype(np.int8)
     kept: list[int] = []
     for first in range(0, len(place), _BLOCK):
         block, with_ = slice(first, first + _BLOCK), [*kept, *range(first, min(first + _BLOCK, len(place)))]
-        same = of[with_][:, None] == of[block]
-        for axis in at.T:
-            same &= np.abs(np.subtract.outer(axis[with_], axis[block])) < apart_m
-        same &= (np.subtract.outer(heading[with_], heading[block]) + 2) % HEADINGS <= 4
+        turned = np.abs(np.subtract.outer(step[with_], step[block]))
+        same = (turned <= 2) | (turned >= HEADINGS - 2)
+        same &= of[with_][:, None] == of[block]
+        for axis in at:
+            off = np.subtract.outer(axis[with_], axis[block])
+            same &= np.abs(off, out=off) < apart_m
         beaten = same[: len(kept)].any(axis=0)
         for i, others in enumerate(same[len(kept) :]):
             if not beaten[i]:
