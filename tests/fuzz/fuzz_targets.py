@@ -17,6 +17,7 @@ from pathlib import Path
 
 import fuzz_seeds as seeds
 import msgspec
+import numpy as np
 from fuzz_mutate import damage, damage_json
 
 from semloc_core import wire
@@ -231,17 +232,17 @@ class Live(Target):
 
     def state(self) -> bytes:
         """All that an update can change, to the last bit and in its order."""
-        stream, seen, tracker = self.localiser.stream, self.localiser._visibility, self.localiser._tracker
-        at, index = self.localiser, None if stream.graph is None else stream.graph._index
-        filter_ = tracker and (tracker.filter.belief.tobytes(), tracker._stood, tracker._in_map)
-        return msgspec.msgpack.encode(
-            (
-                stream.graph and vars(stream.graph) | {"_index": index and vars(index) | {"_asked": None}},
-                (stream._seq, at._seq, at._stamp_ns, at._odometry, at._explained_ns, at.unknown_classes),
-                seen and {name: value for name, value in vars(seen).items() if name != "graph"},
-                filter_,
-            )
+        at, stream = self.localiser, self.localiser.stream
+        index, tracker = stream.graph and stream.graph._index, at._tracker
+        kept = at._surroundings and at._surroundings._ego
+        parts = (
+            stream.graph and vars(stream.graph) | {"_index": index and vars(index)},
+            (stream._seq, at._seq, at._stamp_ns, at._odometry, at._explained_ns, at.unknown_classes),
+            at._visibility and {name: value for name, value in vars(at._visibility).items() if name != "graph"},
+            kept and (kept._slots, kept._free, kept._ids, kept._rows, kept._kind),
+            tracker and (tracker.filter.belief, tracker._stood, tracker._in_map),
         )
+        return msgspec.msgpack.encode(parts, enc_hook=np.ndarray.tobytes)
 
     def use(self, data: bytes) -> None:
         before = self.known or self.state()
