@@ -161,7 +161,7 @@ class FleetLocaliser(Localiser):
 
     def _focus(self, z: NDArray[np.float32]) -> None:
         """Answer from the buildings that are most like what the robot sees, (D,) embedded."""
-        until = time.monotonic() + self._patience_s
+        until, model = time.monotonic() + self._patience_s, self.map.model
         for _ in range(_ROUNDS):
             names = self._proposed(z)
             keys = self._fetched(names, until) if names is not None else None
@@ -170,6 +170,8 @@ class FleetLocaliser(Localiser):
                     self._show(keys)
                 return
             self.refresh()
+            if self.map.model is not model:
+                raise MapUnavailableError("expected the map that the query was embedded for (got one built anew)")
         raise MapUnavailableError("expected a map that stands still for an answer (got one that changes all the time)")
 
     def _proposed(self, z: NDArray[np.float32]) -> Sequence[str] | None:

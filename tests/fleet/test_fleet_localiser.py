@@ -272,6 +272,29 @@ def test_a_building_that_goes_between_the_search_and_the_fetch_is_no_loss(make, 
     assert answer.map.places == 7 * 30
 
 
+def test_a_map_that_is_built_anew_with_another_model_is_followed_from_the_next_answer_on(make, path, tmp_path):
+    other = make_model("rings")
+    make_map(tmp_path / "anew.map", other, **{name: building_update(seed=i) for i, name in enumerate(NAMES)})
+
+    class Anew(Line):
+        def fetch(self, building):
+            if (tmp_path / "anew.map").exists():
+                (tmp_path / "anew.map").replace(path)
+                super().catalogue()
+            return super().fetch(building)
+
+    localiser = make(source=Anew(path))
+    updates = list(walk(5, steps=3))
+    lost = localiser.update(updates[0]).located
+    assert (lost.matches.status, lost.matches.matches) == ("no_graph", [])
+    assert "built anew" in lost.query.reason
+    answer = localiser.update(updates[1]).matches
+    assert answer.model.hash == other.hash
+    always = make()
+    answers(always, updates[:1])
+    assert answer.matches == always.update(updates[1]).matches.matches
+
+
 def test_classes_weigh_as_in_the_whole_map_whatever_is_on_the_list(make, path, model):
     """A building with a history far from the robot's changes what its query is: as with the file."""
     updates = list(walk(5, steps=4))
