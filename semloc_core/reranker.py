@@ -116,9 +116,7 @@ class Reranker:
         if found is None:
             return None
         sure = confidence(found, fragment, verifier.mapped)
-        # No answer is listed above a likelier one.
-        order = np.lexsort((np.arange(len(found.rows)), -sure.probability))
-        order = np.concatenate([[0], order[order != 0]])
+        order = sure.order
         tested = found.rows[order]
         known = set(tested.tolist())
         rest = np.array([row for row in raw.tolist() if row not in known], dtype=np.int64)

@@ -67,10 +67,13 @@ def reranked(
     for q, fragment in enumerate(fragments):
         found = verifier.verify(fragment, similarity[q], only)
         if chances is not None:
-            chances[q] = 0.0 if found is None else sureness(verifier, found, fragment)
+            chances[q] = 0.0
         if found is not None:
+            sure = confidence(found, fragment, verifier.mapped)
+            if chances is not None:
+                chances[q] = sure.probability[0]
             rest = best[q][~np.isin(best[q], found.rows)]
-            together = np.concatenate([found.rows, rest])[: answers.shape[1]]
+            together = np.concatenate([found.rows[sure.order], rest])[: answers.shape[1]]
             answers[q, : len(together)] = together
     return answers
 

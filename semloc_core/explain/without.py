@@ -48,12 +48,14 @@ def _without(located: Located, perturbed: PerturbedEncoder, verifier: LayoutVeri
     name = labelspace.classes[class_]
     if found is None:
         return WithoutClass(class_=name, map=None, place=None, probability=0.0, same=False)
-    row = int(found.rows[0])
+    sure = confidence(found, fragment, verifier.mapped)
+    first = int(sure.order[0])
+    row = int(found.rows[first])
     off = np.linalg.norm(loaded.positions[row] - loaded.positions[evidence.row])
     return WithoutClass(
         class_=name,
         map=loaded.buildings[int(loaded.building_index[row])],
         place=loaded.place_ids[row],
-        probability=float(confidence(found, fragment, verifier.mapped).probability[0]),
+        probability=float(sure.probability[first]),
         same=bool(loaded.building_index[row] == loaded.building_index[evidence.row] and off <= MATCH_RADIUS_M),
     )

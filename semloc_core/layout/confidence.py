@@ -47,11 +47,14 @@ class Confidence:
     Args:
         probability: (T,) P(the robot is within the match radius of the place), for each place tested on its own.
         in_map: P(the robot is in the map).
+        order: (T,) in which to list the places: by falling probability; those of one answer, which are equally
+            likely, by their distance in the plane from where the robot fits in best.
 
     """
 
     probability: Floats
     in_map: float
+    order: Ints
 
 
 class Calibration(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -113,7 +116,10 @@ def confidence(
     chance, elsewhere = right * mass / mass[0], ~answers.together[0]
     others = share[elsewhere] / max(1.0 - float(share[0]), np.finfo(np.float64).tiny)
     chance[elsewhere] = np.minimum(chance[elsewhere], max(in_map - right, 0.0) * np.minimum(others, 1.0))
-    return Confidence(np.round(np.minimum(chance, right), 9), in_map)
+    chance = np.round(np.minimum(chance, right), 9)
+    at = mapped.positions[verified.rows, :2]
+    off = np.linalg.norm(at - (at[0] + verified.shift[0]), axis=1)
+    return Confidence(chance, in_map, np.lexsort((np.arange(len(chance)), off, -chance)))
 
 
 def features(verified: Verified, fragment: Fragment, mapped: MappedLayout) -> Floats:
