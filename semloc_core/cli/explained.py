@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from rich.table import Table
 
 from semloc_core.cli.screen import console, print_whole
+from semloc_core.explain.layout_scores import LAYOUT
 from semloc_core.messages import Counterfactual, Explanation, MethodAttributions, PlaceMatches, WhyNot, WithoutClass
 
 CLASSES = 8
@@ -53,7 +54,8 @@ def print_answer(matches: PlaceMatches, asked: str, reason: str) -> None:
 def print_explanation(explanation: Explanation) -> None:
     """Why: the classes by each explainer; why not the top match; and what if objects were not there."""
     of = f"{explanation.match_map}, place {explanation.match_place} (similarity {explanation.similarity:.4f})"
-    order = sorted(explanation.methods, key=lambda said: -(said.fidelity.characterisation if said.fidelity else -1.0))
+    # What decided comes first; of what explains the similarity, the most faithful.
+    order = sorted(explanation.methods, key=_precedence)
     if order and order[0].classes:
         _print_methods(order, of)
     else:
@@ -75,7 +77,7 @@ def _print_methods(order: Sequence[MethodAttributions], of: str) -> None:
     for found in best.classes[:CLASSES]:
         cells = [f"{share[found.class_]:.1%}" if found.class_ in share else "–" for share in shares]
         table.add_row("", found.class_, str(found.instances), *cells)
-    if best.fidelity is not None:
+    if any(said.fidelity is not None for said in order):
         held = [f"{said.fidelity.characterisation:.3f}" if said.fidelity else "–" for said in order]
         table.add_section()
         table.add_row("", "faithful", "", *held)
@@ -83,7 +85,7 @@ def _print_methods(order: Sequence[MethodAttributions], of: str) -> None:
     if len(best.classes) > CLASSES:
         line(f"of {len(best.classes)} classes the {CLASSES} largest")
     line("share of each class; below zero: speaks against this place")
-    if best.fidelity is not None:
+    if any(said.fidelity is not None for said in order):
         line("faithful: characterisation score, what an explainer holds when put to the test (0 to 1)")
     if len(order) > 1:
         _print_leader(order)
@@ -91,8 +93,8 @@ def _print_methods(order: Sequence[MethodAttributions], of: str) -> None:
         line(f"{' and '.join(unsigned)}: no sign; what counted, for this place or against it")
     if any(said.method == "class_shapley" for said in order):
         line("class_shapley: exact for classes, but tells no two objects of a class apart")
-    if any(said.method == "layout" for said in order):
-        line("layout: what the test by layout rests on; the others explain the similarity")
+    if any(said.method == LAYOUT for said in order):
+        line("layout: what each class adds to the test that decided, exactly; the others explain the similarity")
 
 
 def _print_leader(order: Sequence[MethodAttributions]) -> None:
@@ -100,7 +102,15 @@ def _print_leader(order: Sequence[MethodAttributions]) -> None:
     line(f"{count} of {len(order)} put {leader} first")
 
 
+def _precedence(said: MethodAttributions) -> float:
+    if said.method == LAYOUT:
+        return -2.0
+    return -said.fidelity.characterisation if said.fidelity else 1.0
+
+
 def _rank_of(order: Sequence[MethodAttributions]) -> str:
+    if order[0].method == LAYOUT:
+        return "the test that decided"
     if len(order) == 1:
         return "the only explainer asked"
     return f"the most faithful of {len(order)} explainers" if order[0].fidelity else f"first of {len(order)} explainers"
@@ -119,8 +129,9 @@ def _print_what_if(
     order: Sequence[MethodAttributions], found: Counterfactual | None, without: Sequence[WithoutClass]
 ) -> None:
     said = [_without(of) for of in without]
-    if order and (fidelity := order[0].fidelity) is not None and order[0].classes:
-        put = f"the {fidelity.budget:.0%} of the objects that {order[0].method} puts first"
+    tested = [one for one in order if one.fidelity is not None and one.classes][:1]
+    if tested and (fidelity := tested[0].fidelity) is not None:
+        put = f"the {fidelity.budget:.0%} of the objects that {tested[0].method} puts first"
         said.append(f"without {put}")
         said.append(f"  the similarity, on a scale from 0 to 1, changes by {fidelity.necessity:.3f}")
         said.append(f"with them alone, by {fidelity.sufficiency:.3f}")
