@@ -33,7 +33,8 @@ def tell_numbers(path: Path, file: HydraFile, labelspace: Labelspace) -> None:
     from semloc_core.labelspace import all_numbers
 
     numbers = [i for ids in file.labelspace.ids.values() for i in ids] if all_numbers(file.labelspace.classes) else []
-    named = [f"{i} {labelspace.name_of(i)}" for i in sorted(numbers) if labelspace.name_of(i)]
+    found = [(i, labelspace.name_of(i)) for i in sorted(numbers)]
+    named = [f"{i} {name}" for i, name in found if name and not all_numbers([name])]
     if named:
         more = f" and {len(named) - NAMED} more" if len(named) > NAMED else ""
         note(

@@ -33,7 +33,6 @@ WHY_ENDED = {
     "steps": "it trained to its last step",
     "patience": "it stopped early, having got no better for long",
     "time": "it stopped when its time was up",
-    "nothing to train": "there is nothing to train",
 }
 """`TrainResult.stopped` in words."""
 
@@ -160,8 +159,7 @@ def train(
         else:
             note(f"{name} has nothing to train, so there is no curve")
     console.print(f"{output}: {name}, {len(space)} classes, hash {result.model.hash[:12]}")
-    if result.history:
-        console.print(_kept(result))
+    console.print(_kept(result) if result.stopped != "nothing to train" else f"{name} has nothing to train")
     judged = {"start": begun} if begun is not None else {}
     rows = own_validation({**judged, "trained": result.model}, arrays, result.splits, seed)
     show("train", seed, graphs, rows, json_file, title="own validation: held-out places, as a detector sees them")

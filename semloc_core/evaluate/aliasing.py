@@ -67,6 +67,11 @@ class Aliasing:
         }
 
 
+def reads_labels_only(encoder: Encoder) -> bool:
+    """Whether colours bound what an encoder can tell apart."""
+    return isinstance(encoder, LABELS_ONLY)
+
+
 def map_aliasing(encoder: Encoder, buildings: Sequence[GraphArrays], n_classes: int) -> Aliasing | None:
     """Colours of all places of all buildings together, at the encoder's depth; None: it reads more than labels.
 
@@ -76,7 +81,7 @@ def map_aliasing(encoder: Encoder, buildings: Sequence[GraphArrays], n_classes: 
         n_classes: C of the labelspace that the arrays were made with.
 
     """
-    if not isinstance(encoder, LABELS_ONLY):
+    if not reads_labels_only(encoder):
         return None
     batches = [extract_all(arrays, n_classes, encoder.extraction) for arrays in buildings]
     colours = colour_refinement(batches, encoder.extraction.hops)

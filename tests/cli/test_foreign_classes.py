@@ -71,6 +71,13 @@ def test_numbers_read_by_a_maps_labelspace_are_told(semloc, write_corridor, home
     assert "class numbers without names, read as labelspace coco has them: 5 bus, 16 dog" in added.err
 
 
+def test_numbers_that_are_the_maps_own_classes_are_no_news(semloc, write_corridor, tmp_path) -> None:
+    numbers = without_names(write_corridor(tmp_path / "numbers.json", ["chair", "table", "chair"] * 5))
+    assert semloc("train", numbers, "--encoder", "histogram", "-o", tmp_path / "a.model").code == 0
+    built = semloc("map", "build", numbers, "--model", tmp_path / "a.model", "-o", tmp_path / "a.map")
+    assert (built.code, built.err) == (0, "")
+
+
 def test_no_advice_to_name_classes_that_were_named(semloc, write_corridor, tmp_path) -> None:
     ids = {"chair": (5,), "lamp": (11,), "table": (16,)}
     classes = ["chair", "table", "lamp", "table"]

@@ -1,6 +1,7 @@
 """What `semloc train` says of itself, in words."""
 
 import math
+from typing import get_args, get_type_hints
 
 import pytest
 
@@ -25,7 +26,16 @@ def test_which_weights_are_kept_how_good_they_are_and_why_there_are_no_later_one
 
 
 def test_every_reason_to_end_has_its_words() -> None:
-    assert set(WHY_ENDED) == {"steps", "patience", "time", "nothing to train"}
+    reasons = get_args(get_type_hints(TrainResult)["stopped"])
+    assert set(WHY_ENDED) | {"nothing to train"} == set(reasons)
+
+
+def test_an_encoder_without_weights_kept_none(semloc, write_corridor, tmp_path) -> None:
+    graph = write_corridor(tmp_path / "home.json", ["chair", "couch"] * 8)
+    said = semloc("train", graph, "--encoder", "histogram", "-o", tmp_path / "a.model")
+    assert said.code == 0, said.err
+    assert "histogram has nothing to train\n" in said.out
+    assert "step" not in said.out
 
 
 def test_an_option_that_does_not_exist_is_answered_with_those_that_do() -> None:

@@ -1,0 +1,181 @@
+"""``semloc map info``: what an engineer asks of a map before a robot is trusted to it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from semloc_core.cli.common import Json, write_json
+from semloc_core.cli.map_places import MapPlace, server_map, to_read
+from semloc_core.cli.screen import console, print_whole
+from semloc_core.fleet.address import is_address
+
+if TYPE_CHECKING:
+    from semloc_core.evaluate.rows import Row
+    from semloc_core.map_database.protocols import ReadableMap
+    from semloc_core.model import Model
+
+UNASKED_PLACES = 20_000
+"""Maps of at most so many places are searched for look-alikes unasked: that takes a few seconds."""
+
+
+def info(
+    map_place: MapPlace,
+    aliasing: Annotated[
+        bool | None,
+        typer.Option(
+            "--aliasing/--no-aliasing",
+            help="Say how many places look alike to an encoder of class labels (1-WL colour refinement); "
+            f"default: in maps of at most {UNASKED_PLACES} places.",
+        ),
+    ] = None,
+    long: Annotated[
+        bool, typer.Option("--long", help="Classes building by building, and the model's options.")
+    ] = False,
+    json_file: Json = None,
+) -> None:
+    """Say what is in a map: buildings, places, classes, model, hash; and how many places look alike."""
+    facts = _facts(map_place)
+    _print_head(facts)
+    _print_buildings(facts)
+    _print_classes(facts)
+    if long:
+        _print_long(facts)
+    with to_read(map_place) as (map_, model):
+        _print_unknown(facts, model)
+        asked = facts["places"] <= UNASKED_PLACES if aliasing is None else aliasing
+        alike = _aliasing_rows(map_, model) if asked else []
+        _print_alike(alike, model)
+    if json_file is not None:
+        name = facts["model"]["name"]
+        rows: list[Row] = [
+            {"method": name, "scope": b["name"], "places": b["places"], "objects": b["objects"]}
+            for b in facts["buildings"]
+        ]
+        write_json(json_file, "map info", 0, [map_place], [*rows, *alike])
+
+
+def _facts(place: str) -> dict[str, Any]:
+    if is_address(place):
+        from semloc_core.fleet.info import describe_server_map
+
+        with server_map(place) as database:
+            return describe_server_map(database)
+    from semloc_core.map_database import describe
+
+    return describe(place)
+
+
+def _line(name: str, text: str) -> None:
+    console.print(f"[bold]{name:11s}[/bold] ", end="", highlight=False)
+    console.print(text, markup=False, highlight=False)
+
+
+def _many(count: int, name: str) -> str:
+    return f"{count} {name}{'' if count == 1 else 's'}"
+
+
+def _print_head(facts: dict[str, Any]) -> None:
+    model, space = facts["model"], facts["labelspace"]
+    objects = sum(building["objects"] for building in facts["buildings"])
+    size = f" ({facts['bytes'] / 1e6:.1f} MB, format {facts['format_version']})" if "bytes" in facts else ""
+    buildings = _many(len(facts["buildings"]), "building")
+    classes = len({name for building in facts["buildings"] for name in building["classes"]})
+    _line(
+        "map", f"{facts['name']}{size}: {buildings}, {facts['places']} places, {objects} objects of {classes} classes"
+    )
+    _line("hash", facts["hash"])
+    _line("model", f"{model['name']} {model['hash'][:12]}, {facts['dimension']} numbers a place")
+    _line("labelspace", f"{space['name']} {space['hash'][:12]}, {space['classes']} classes")
+
+
+def _table(*names: str) -> Table:
+    """A table without a frame: names, then figures."""
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+    for number, name in enumerate(names):
+        table.add_column(name, justify="right" if number else "left")
+    return table
+
+
+def _print_buildings(facts: dict[str, Any]) -> None:
+    merged = any(building["traversals"] for building in facts["buildings"])
+    table = _table("building", "places", "objects", *(["merged"] if merged else []))
+    for b in facts["buildings"]:
+        table.add_row(b["name"], str(b["places"]), str(b["objects"]), *([str(b["traversals"])] if merged else []))
+    console.print()
+    print_whole(table, console)
+
+
+def _print_classes(facts: dict[str, Any]) -> None:
+    """Classes by number of objects; where there are several buildings, in how many of them."""
+    counts: Counter[str] = Counter()
+    homes: Counter[str] = Counter()
+    for building in facts["buildings"]:
+        counts.update(building["classes"])
+        homes.update(building["classes"].keys())
+    several = len(facts["buildings"]) > 1
+    table = _table("class", "objects", *(["buildings"] if several else []))
+    for name, count in sorted(counts.items(), key=lambda item: (-item[1], item[0])):
+        table.add_row(name, str(count), *([str(homes[name])] if several else []))
+    console.print()
+    print_whole(table, console)
+    for building in facts["buildings"]:
+        if building["traversals"]:
+            rates = sorted(building["moved"].items(), key=lambda item: (-item[1], item[0]))
+            moved = ", ".join(f"{name} {rate:.2f}" for name, rate in rates)
+            _line("moves", f"{building['name']}, {_many(building['traversals'], 'traversal')} merged, share: {moved}")
+    console.print()
+
+
+def _print_long(facts: dict[str, Any]) -> None:
+    for building in facts["buildings"]:
+        classes = ", ".join(f"{name} {count}" for name, count in building["classes"].items())
+        _line("objects", f"{building['name']}: {classes or 'none'}")
+    _line("options", ", ".join(f"{key} {value}" for key, value in facts["model"]["config"].items()))
+
+
+def _print_unknown(facts: dict[str, Any], model: Model) -> None:
+    from semloc_core.labelspace import listed
+
+    unknown: Counter[str] = Counter()
+    for building in facts["buildings"]:
+        classes = building["classes"]
+        unknown.update({name: count for name, count in classes.items() if model.labelspace.index(name) < 0})
+    if unknown:
+        _line("unknown", f"{unknown.total()} objects of classes that the model does not know: {listed(unknown)}")
+
+
+def _print_alike(alike: list[Row], model: Model) -> None:
+    """What class labels can tell apart: all that such an encoder can reach, and a measure of how uniform a map is."""
+    if not alike:
+        _line("alike", "--aliasing says how many places look alike to an encoder of class labels")
+        return
+    from semloc_core.evaluate.aliasing import Aliasing, reads_labels_only
+
+    _line("alike", f"kinds of places that {alike[0]['method']} tell apart, nothing moved (1-WL colour refinement)")
+    if not reads_labels_only(model.encoder):
+        _line("", f"{model.encoder.name} reads distances too: to it this is no ceiling")
+    table = _table("building", "places", "kinds", "alone", f"alike > {Aliasing.NEAR_M:g} m", "success@1 at most")
+    for row in alike:
+        names = ("places", "colours", "alone", "far_aliases")
+        table.add_row(str(row["scope"]), *(str(row[name]) for name in names), f"{row['success@1_ceiling']:.3f}")
+    print_whole(table, console)
+
+
+def _aliasing_rows(map_: ReadableMap, model: Model) -> list[Row]:
+    """A row a building, and one for all together where there are several."""
+    from semloc_core.encoder import build_encoder
+    from semloc_core.evaluate.aliasing import map_aliasing, reads_labels_only
+    from semloc_core.graph_arrays import GraphArrays
+
+    space, encoder = model.labelspace, model.encoder
+    if not reads_labels_only(encoder):
+        encoder = build_encoder("paper", None, len(space))
+    name = f"class labels within {_many(encoder.extraction.hops, 'hop')}"
+    buildings = [GraphArrays.from_scene_graph(map_.graph(b), space, b) for b in map_.buildings]
+    scopes = [(arrays.name, [arrays]) for arrays in buildings] + ([("all", buildings)] if len(buildings) > 1 else [])
+    found = [(scope, map_aliasing(encoder, some, len(space))) for scope, some in scopes]
+    return [one.row(name, scope) for scope, one in found if one is not None]
