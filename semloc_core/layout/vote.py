@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semloc_core.graph_arrays import Floats, Ints
 from semloc_core.layout.around import Floats32, around_m, sums
@@ -175,12 +174,12 @@ def best_poses(scores: Floats32, positions: Floats, building: Ints, most: int, a
     for first in range(0, len(place), _BLOCK):
         block, with_ = slice(first, first + _BLOCK), [*kept, *range(first, min(first + _BLOCK, len(place)))]
         turned = np.abs(np.subtract.outer(step[with_], step[block]))
-        same: NDArray[np.bool_] = (turned <= 2) | (turned >= HEADINGS - 2)
+        same = (turned <= 2) | (turned >= HEADINGS - 2)
         same &= of[with_][:, None] == of[block]
         for axis in at:
             off = np.subtract.outer(axis[with_], axis[block])
             same &= np.abs(off, out=off) < apart_m
-        beaten = same[: len(kept)].any(axis=0)
+        beaten = np.logical_or.reduce(same[: len(kept)], axis=0)
         for i, others in enumerate(same[len(kept) :]):
             if not beaten[i]:
                 kept.append(first + i)
