@@ -21,14 +21,14 @@ A RUN is a bag: a recording of scene-graph updates (rosbag2 folder or .mcap).
 From a building's graph to an explained answer:
 
     semloc train office.json -o office.model
-
     semloc map build office.json --model office.model -o office.map
-
     semloc bag simulate office.json -o run.mcap
-
     semloc replay run.mcap --map office.map -o results.mcap
+    semloc explain office.map office.json --near 3,4
 
 Without a graph of your own, `semloc world office -o office.json` makes one.
+
+Exit status: 0; 2 where words or files are wrong, with one line on stderr; 130 where it was stopped.
 """
 
 WRONG, INTERRUPTED = 2, 130
