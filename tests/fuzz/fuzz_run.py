@@ -80,8 +80,11 @@ def fuzz(
                 target(data)
                 allowed = BYTES_PER_INPUT_BYTE * largest + FLOOR_BYTES
                 assert peak_bytes() - before <= allowed, f"more memory than {allowed} bytes"
-            except BaseException as error:
-                if keep is not None and not isinstance(error, KeyboardInterrupt):
+            except KeyboardInterrupt:  # figures all the same, of what was done
+                tried -= 1
+                break
+            except BaseException:
+                if keep is not None:
                     keep.mkdir(parents=True, exist_ok=True)
                     (keep / hashlib.sha256(data).hexdigest()[:16]).write_bytes(data)
                 raise
