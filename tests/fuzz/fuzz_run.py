@@ -73,16 +73,15 @@ def fuzz(
     try:
         while tried < count or time.monotonic() - began < seconds:
             data = target.mutate(rng.choice(target.seeds), rng)
-            tried, largest = tried + 1, max(largest, len(data))
+            largest = max(largest, len(data))
             own = time.process_time()
             signal.setitimer(signal.ITIMER_VIRTUAL, HANG_S)
             try:
                 target(data)
                 allowed = BYTES_PER_INPUT_BYTE * largest + FLOOR_BYTES
                 assert peak_bytes() - before <= allowed, f"more memory than {allowed} bytes"
-            except KeyboardInterrupt:  # figures all the same, of what was done
-                tried -= 1
-                break
+            except KeyboardInterrupt:
+                raise
             except BaseException:
                 if keep is not None:
                     keep.mkdir(parents=True, exist_ok=True)
@@ -90,7 +89,9 @@ def fuzz(
                 raise
             finally:
                 signal.setitimer(signal.ITIMER_VIRTUAL, 0)
-            slowest = max(slowest, time.process_time() - own)
+            tried, slowest = tried + 1, max(slowest, time.process_time() - own)
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted; so far:\n")
     finally:
         signal.signal(signal.SIGVTALRM, previous)
     return {
