@@ -18,7 +18,7 @@ _LOWEST_MS, _RATIO, _BINS = 1e-3, 1.01, 2000
 
 
 class LatencyHistogram:
-    """Percentiles of a stream of durations, to 1 %, in fixed memory (logarithmic bins from 1 µs on)."""
+    """Percentiles of a stream of durations or lengths, to 1 %, in fixed memory: logarithmic bins from 1 µs, or 1 mm."""
 
     def __init__(self) -> None:
         self._counts: NDArray[np.int64] = np.zeros(_BINS, dtype=np.int64)
@@ -44,6 +44,7 @@ class _Bracket:
     accepted: int = 0
     accepted_right: int = 0
     right: dict[int, int] = field(default_factory=lambda: dict.fromkeys(TOP, 0))
+    off_m: LatencyHistogram = field(default_factory=LatencyHistogram)
 
 
 def right_matches(answer: PlaceMatches, building: str, position: Position) -> list[bool]:
@@ -111,13 +112,16 @@ class TraversalScore:
                 tally.accepted_right += near[0]
             for n in TOP:
                 tally.right[n] += any(near[:n])
+            if near and near[0]:
+                tally.off_m.add(float(np.linalg.norm(np.subtract(answer.matches[0].position, position))))
         return True
 
     def rows(self, method: str) -> list[dict[str, object]]:
         """One row for each distance bracket that has queries, and one for all.
 
         ``answered``: share of queries with any match listed (an unanswered one counts as wrong);
-        ``accepted``: share with status ``match``; ``precision``: share of those that are right (null where none).
+        ``accepted``: share with status ``match``; ``precision``: share of those that are right (null where none);
+        ``error_m``: median distance (m) of the first match from the truth, where that match is right (null where none).
         """
         brackets = [(f"{start:g}m", b) for start, b in zip(FROM_METRES, self._brackets, strict=True)]
         return [
@@ -129,6 +133,7 @@ class TraversalScore:
                 **{f"success@{n}": b.right[n] / b.queries for n in TOP},
                 "accepted": b.accepted / b.queries,
                 "precision": b.accepted_right / b.accepted if b.accepted else None,
+                "error_m": b.off_m.percentile(50),
             }
             for scope, b in [*brackets, ("all", self._total)]
             if b.queries

@@ -39,6 +39,16 @@ def test_exactly_four_metres_is_right_and_more_is_wrong():
     assert score.rows("m")[-1]["success@1"] == 0.5
 
 
+def test_how_far_off_is_told_of_right_answers_alone():
+    score = TraversalScore(["home"])
+    for x in (1.0, 2.0, 3.0, 30.0):
+        score.add(answer(("home", x)), (0.0, 0.0, 0.0), "home")
+    assert score.rows("m")[-1]["error_m"] == pytest.approx(2.0, rel=0.02)
+    lost = TraversalScore(["home"])
+    lost.add(answer(("home", 9.0)), (0.0, 0.0, 0.0), "home")
+    assert lost.rows("m")[-1]["error_m"] is None
+
+
 def test_the_right_spot_in_the_wrong_building_is_wrong():
     score = TraversalScore(["a", "b"])
     assert score.add(answer(("b", 0.0)), (0.0, 0.0, 0.0), "a")

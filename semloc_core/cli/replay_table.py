@@ -17,6 +17,7 @@ MEASURES = {
     "success@10": "success@10",
     "accepted": "accepted (match)",
     "precision": "right of accepted",
+    "error_m": "error (m), median",
 }
 """Figure of a row -> what it is called on screen, in this order."""
 _STARTS = [f"{start:g}m" for start in FROM_METRES]

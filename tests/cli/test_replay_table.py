@@ -11,7 +11,7 @@ from semloc_core.replay import ReplaySummary
 
 def row(scope: str, queries: int, right: float, precision: float | None = 0.9) -> dict[str, object]:
     figures = {"answered": 1.0, "success@1": right, "success@5": 0.8, "success@10": 1.0, "accepted": 0.5}
-    return {"method": "rings", "scope": scope, "queries": queries, **figures, "precision": precision}
+    return {"method": "rings", "scope": scope, "queries": queries, **figures, "precision": precision, "error_m": None}
 
 
 def printed(summary: ReplaySummary, width: int = 80) -> list[str]:
