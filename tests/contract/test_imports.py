@@ -8,7 +8,10 @@ from small_building import building_update, make_map, make_model
 
 from semloc_core import wire
 
-TOOLS = ("scipy", "sklearn", "matplotlib", "typer", "rich", "rosbags", "mcap", "torch_geometric", "captum", "spark_dsg")
+TOOLS = (
+    *("scipy", "sklearn", "matplotlib", "typer", "rich", "rosbags", "mcap", "torch_geometric", "captum", "spark_dsg"),
+    *("pymilvus", "grpc", "milvus_lite"),
+)
 
 PROGRAM = """
 import sys
@@ -33,7 +36,10 @@ def run(program: str, *absent: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("module", ["semloc_core.localiser", "semloc_core.map_database", "semloc_core.explain.pair"])
+@pytest.mark.parametrize(
+    "module",
+    ["semloc_core.localiser", "semloc_core.map_database", "semloc_core.explain.pair", "semloc_core.open_map"],
+)
 def test_what_the_node_runs_needs_no_tools(module):
     run(f"import {module}", "rclpy", *TOOLS)
 
@@ -45,9 +51,8 @@ def test_a_map_is_loaded_and_asked_without_the_tools(tmp_path):
     (tmp_path / "update.json").write_bytes(wire.encode(building_update()))
     run(
         f"""
-from semloc_core.localiser import Localiser
-from semloc_core.map_database import load
-result = Localiser(load({str(path)!r})).update(open({str(tmp_path / "update.json")!r}).read())
+from semloc_core.open_map import open_localiser
+result = open_localiser({str(path)!r}).update(open({str(tmp_path / "update.json")!r}).read())
 assert result.matches.matches and result.attributions.classes
 """,
         "rclpy",
