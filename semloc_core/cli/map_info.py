@@ -126,7 +126,8 @@ def _print_classes(facts: dict[str, Any]) -> None:
         if building["traversals"]:
             rates = sorted(building["moved"].items(), key=lambda item: (-item[1], item[0]))
             moved = ", ".join(f"{name} {rate:.2f}" for name, rate in rates)
-            _line("moves", f"{building['name']}, {_many(building['traversals'], 'traversal')} merged, share: {moved}")
+            merged = f"{_many(building['traversals'], 'traversal')} merged"
+            _line("moves", f"{building['name']}: {merged}; share that moves: {moved}")
     console.print()
 
 

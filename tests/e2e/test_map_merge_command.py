@@ -79,7 +79,7 @@ def test_a_run_merges_into_the_building_that_it_fits(semloc, house, map_file, tm
     merged = load(map_file)
     assert merged.history("office").traversals[0].source == "run.mcap"
     assert not merged.history("other").traversals
-    assert "1 traversals merged; share that moves" in semloc("map", "info", map_file, "--no-aliasing").out
+    assert "1 traversal merged; share that moves" in semloc("map", "info", map_file, "--no-aliasing").out
 
 
 def test_another_buildings_traversal_is_refused_in_one_line(semloc, house, map_file):
