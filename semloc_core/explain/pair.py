@@ -14,8 +14,9 @@ from semloc_core.explain.counterfactual import counterfactual, why_not
 from semloc_core.explain.explainers import EXPLAINERS, check_methods, explain
 from semloc_core.explain.fidelity import BUDGET, own_fidelity
 from semloc_core.explain.layout_scores import LAYOUT, layout_attributions
+from semloc_core.explain.perturbed import PerturbedEncoder
 from semloc_core.explain.scores import class_scores, object_scores
-from semloc_core.explain.similarity import PerturbedEncoder, SimilarityQuery
+from semloc_core.explain.similarity import SimilarityQuery
 from semloc_core.explain.without import without_classes
 from semloc_core.messages import ExplainRequest, Explanation, MethodAttributions
 

@@ -8,7 +8,7 @@ import torch
 from semloc_core.answer import Located
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.explain.layout_scores import layout_attributions
-from semloc_core.explain.similarity import PerturbedEncoder
+from semloc_core.explain.perturbed import PerturbedEncoder
 from semloc_core.layout import LayoutVerifier
 from semloc_core.layout.confidence import confidence
 from semloc_core.messages import WithoutClass

@@ -9,7 +9,8 @@ from torch import Tensor
 
 from semloc_core.encoder import Encoder, PaperEncoder, build_encoder
 from semloc_core.encoder.paper import PaperConfig
-from semloc_core.explain.similarity import NODES_AT_ONCE, SimilarityQuery
+from semloc_core.explain.perturbed import NODES_AT_ONCE
+from semloc_core.explain.similarity import SimilarityQuery
 from semloc_core.place_graph import Batch
 
 N_CLASSES = 4

@@ -12,7 +12,7 @@ from semloc_core.explain import state_table
 from semloc_core.explain.ego_cut import PlaceBatches
 from semloc_core.explain.paper_copies import MOST_NODES, PaperCopies
 from semloc_core.explain.paper_removals import PaperRemovals
-from semloc_core.explain.similarity import PerturbedEncoder
+from semloc_core.explain.perturbed import PerturbedEncoder
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.place_graph import Batch, repeat
 from semloc_core.scene_graph import SceneGraph

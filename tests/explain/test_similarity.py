@@ -7,7 +7,8 @@ from query_cases import any_encoder, class_names, encoder_query, paper_encoder, 
 
 from semloc_core.encoder import ENCODERS
 from semloc_core.errors import ModelError
-from semloc_core.explain.similarity import PerturbedEncoder, SimilarityQuery
+from semloc_core.explain.perturbed import PerturbedEncoder
+from semloc_core.explain.similarity import SimilarityQuery
 
 CLASSES = [0, 1, 1, 2, 3, 0, 2]
 OTHER = [0, 1, 2, 2, 3]
