@@ -64,4 +64,6 @@ def online_pivots(rows: Sequence[Row]) -> list[Pivot]:
         wrong.put(method, metres, row.get("wrong_accepted"))
         agreeing.put(method, metres, row.get("agreeing"))
     found = (any_home, known, error, foreign, wrong, agreeing, kidnapped)
+    for pivot in found[:-1]:  # a scope may have no figure of the first method
+        pivot.columns.sort(key=lambda column: float(column.removesuffix(" m")))
     return [pivot for pivot in found if pivot.lines]

@@ -56,3 +56,11 @@ def test_a_pivot_is_printed_whole_with_empty_cells_where_there_is_no_figure() ->
     assert isinstance(console.file, io.StringIO)
     lines = [line.rstrip() for line in console.file.getvalue().splitlines()]
     assert lines[-2:] == ["a method of a long name  0.250", "b                               1.000"]
+
+
+def test_columns_go_by_the_metres_also_where_the_first_method_has_no_figure_at_the_start() -> None:
+    rows = [
+        {"method": method, "scope": scope, "home": "any", "success@1": 0.5}
+        for method, scope in (("a", "20m"), ("b", "0m"), ("b", "5m"), ("b", "20m"))
+    ]
+    assert online_pivots(rows)[0].columns == ["0 m", "5 m", "20 m"]
