@@ -11,7 +11,7 @@ import torch
 from semloc_core.answer import Located
 from semloc_core.errors import ConfigError, GraphError, MapError, SemlocError
 from semloc_core.explain.counterfactual import counterfactual, why_not
-from semloc_core.explain.explainers import EXPLAINERS, check_methods, explain
+from semloc_core.explain.explainers import CONTROLS, EXPLAINERS, explain
 from semloc_core.explain.fidelity import BUDGET, own_fidelity
 from semloc_core.explain.layout_scores import LAYOUT, layout_attributions
 from semloc_core.explain.perturbed import PerturbedEncoder
@@ -112,7 +112,10 @@ def _listed(located: Located) -> list[int]:
 
 def check_asked(methods: Sequence[str]) -> None:
     """Raise ConfigError where a name is no explainer's that a pair can be explained by."""
-    check_methods([method for method in methods if method != LAYOUT])
+    known = [*EXPLAINERS, LAYOUT, *CONTROLS]
+    for method in methods:
+        if method not in known:
+            raise ConfigError(f"expected explainers among {', '.join(known)} (got {method!r})")
 
 
 def explain_pair(
