@@ -15,7 +15,12 @@ from semloc_core.map_database import load
 
 
 def open_localiser(
-    map_: str, config: LocaliserConfig | None = None, *, wait: bool = False, patience_s: float = math.inf
+    map_: str,
+    config: LocaliserConfig | None = None,
+    *,
+    wait: bool = False,
+    patience_s: float = math.inf,
+    outage_s: float = 0.0,
 ) -> Localiser:
     """A localiser in a map.
 
@@ -25,6 +30,9 @@ def open_localiser(
         config: options.
         wait: a server that is not there yet is waited for: until it is, there is no map, and no answer.
         patience_s: how long one answer may fetch buildings from a server, see `FleetLocaliser`.
+
+        outage_s: how long an update waits for a server that has stopped answering before it raises MapUnavailableError;
+            0: it does not wait, and its answer is ``no_graph``.
 
     Raises:
         MapError: no map, a damaged one, or one without the buildings asked for.
@@ -46,7 +54,8 @@ def open_localiser(
     from semloc_core.fleet.milvus_source import MilvusSource
 
     source = MilvusSource(address, config.server_timeout_s, config.server_poll_s)
-    localiser = FleetLocaliser(Link(source, np.random.default_rng()), config, patience_s=patience_s)
+    link = Link(source, np.random.default_rng())
+    localiser = FleetLocaliser(link, config, patience_s=patience_s)
     try:
         localiser.refresh()
     except MapUnavailableError:
@@ -56,4 +65,5 @@ def open_localiser(
     except BaseException:
         localiser.close()
         raise
+    link.outage_s = outage_s  # from here on: a wrong address is told at once
     return localiser

@@ -128,10 +128,12 @@ def replay(
 
     Raises:
         BagError: the run can't be read, or has no updates on ``topic``.
+        MapUnavailableError: the map's server has been silent for longer than the localiser waits, if it does.
 
     """
     localiser = map_ if isinstance(map_, Localiser) else Localiser(map_, config)
-    score = TraversalScore(localiser.buildings)
+    left_out = set(localiser.map.all_buildings) - set(localiser.buildings)
+    score = TraversalScore(localiser.buildings, sorted(left_out))
     truths, latency, summary = _Truths(score), LatencyHistogram(), ReplaySummary()
     with contextlib.ExitStack() as stack:
         writer = stack.enter_context(BagWriter(results)) if results is not None else None

@@ -61,11 +61,13 @@ class TraversalScore:
     Args:
         buildings: names of the map's buildings. Where there are several, a truth counts only if its frame is the
             name of one, and a match only in that one.
+        left_out: names of buildings that the map has besides, in which no answer could be: where the truth is in one,
+            answers are wrong.
 
     """
 
-    def __init__(self, buildings: Sequence[str]) -> None:
-        self._buildings = tuple(buildings)
+    def __init__(self, buildings: Sequence[str], left_out: Sequence[str] = ()) -> None:
+        self._buildings, self._left_out = tuple(buildings), frozenset(left_out)
         self._brackets = [_Bracket() for _ in FROM_METRES]
         self._total = _Bracket()
         self._travelled = 0.0
@@ -79,7 +81,7 @@ class TraversalScore:
 
     def building_of(self, frame_id: str) -> str | None:
         """The building that a ground truth in this frame is in; None where that can't be told."""
-        if frame_id in self._buildings:
+        if frame_id in self._buildings or frame_id in self._left_out:
             return frame_id
         return self._buildings[0] if len(self._buildings) == 1 else None
 

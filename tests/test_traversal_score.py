@@ -68,6 +68,15 @@ def test_one_building_takes_a_truth_in_any_frame():
     assert score.rows("m")[-1]["success@1"] == 1
 
 
+def test_a_truth_in_a_building_that_was_left_out_makes_answers_wrong():
+    score = TraversalScore(["hq_2"], ["hq_1"])
+    assert score.add(answer(("hq_2", 0.0)), (0.0, 0.0, 0.0), "hq_1")
+    assert score.rows("m")[-1]["success@10"] == 0
+    assert score.unscored == 0
+    assert score.add(answer(("hq_2", 0.0)), (0.0, 0.0, 0.0), "odom")
+    assert score.rows("m")[-1]["success@1"] == 0.5
+
+
 def test_latency_percentiles_agree_with_numpy_to_two_percent():
     values = np.random.default_rng(0).lognormal(0.0, 1.0, 5000)
     histogram = LatencyHistogram()

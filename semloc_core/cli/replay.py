@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -11,8 +11,14 @@ from semloc_core.cli.common import Json, SynonymsOption, console, join_synonyms,
 from semloc_core.cli.foreign_classes import report_unknown_classes
 from semloc_core.config import LocaliserConfig, checked, options
 
+if TYPE_CHECKING:
+    from semloc_core.localiser import Localiser
+    from semloc_core.replay import ReplaySummary
+
 _HELP = {option.name: option.description for option in options(LocaliserConfig)}
 _DEFAULT = LocaliserConfig()
+OUTAGE_S = 60.0
+"""So long a map's server may be silent before a replay ends: its answers must not hang on when it was."""
 
 
 def replay(
@@ -40,7 +46,7 @@ def replay(
     """Localise along a recorded run: the node's work without ROS, the same bytes from run to run.
 
     Prints an answer a second of the run, then a table: success within 4 m by distance travelled, where the run brings
-    its ground truth, and latency.
+    its ground truth, and latency. A map's server that stops answering is waited for, a minute at most.
     """
     import torch
 
@@ -69,26 +75,17 @@ def replay(
         shown_ns[:] = [shown_ns[0] if shown_ns else stamp, stamp]
         console.print(_line(answer, (stamp - shown_ns[0]) / 1e9))
 
-    localiser = open_localiser(map_, config)
+    localiser = open_localiser(map_, config, outage_s=OUTAGE_S)
     join_synonyms(localiser.map.model, synonyms)
     try:
         summary = run_replay(run, localiser, config, topic=topic, results=output, on_answer=on_answer)
-        state = localiser.server()
     finally:
         localiser.close()
-    if state is not None and not state.answers:
-        note(state.line)
     report_unknown_classes(dict(summary.unknown_classes), str(run), labelspace=False)
     dropped = {k: v for k, v in sorted(summary.counts.items()) if k != "applied" and v}
     if dropped:
         note("updates not applied: " + ", ".join(f"{count} {name}" for name, count in dropped.items()))
-    if summary.truth_frames - set(localiser.buildings) and not summary.unscored:
-        frames = ", ".join(sorted(summary.truth_frames))
-        note(f"the ground truth is in frame {frames}; scored as if that were building {localiser.buildings[0]}")
-    if summary.unscored:
-        note(f"{summary.unscored} answers not scored: the ground truth names no building of this map")
-    if not summary.rows:
-        note("no ground truth in the run: nothing to score")
+    _tell_scoring(summary, localiser)
     print_summary(f"{run} against {map_}", summary, console)
     if json_file is not None:
         rows: list[dict[str, Any]] = [{**row, "p50_ms": None, "p99_ms": None} for row in summary.rows]
@@ -97,6 +94,24 @@ def replay(
         write_json(json_file, "replay", 0, [run, map_], rows)
     if output is not None:
         console.print(f"results: {output}")
+
+
+def _tell_scoring(summary: ReplaySummary, localiser: Localiser) -> None:
+    """Say where figures are not simply of the building that the ground truth names."""
+    buildings = localiser.buildings
+    left_out = summary.truth_frames & (set(localiser.map.all_buildings) - set(buildings))
+    if left_out:
+        names = ", ".join(sorted(left_out))
+        note(f"the ground truth is in {names}, which --buildings leaves out: every answer there is wrong")
+    unnamed = summary.truth_frames - set(localiser.map.all_buildings)
+    if unnamed and len(buildings) == 1:
+        frames = ", ".join(sorted(unnamed))
+        note(f"the ground truth is in frame {frames}; scored as if that were building {buildings[0]}")
+    if summary.unscored:
+        why = "the ground truth names no building of this map" if buildings else "the map has no buildings"
+        note(f"{summary.unscored} answers not scored: {why}")
+    elif not summary.rows:
+        note("no ground truth in the run: nothing to score")
 
 
 def _line(answer: object, seconds: float) -> str:

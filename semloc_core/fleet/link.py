@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Collection
 from typing import TypeVar
@@ -12,6 +13,8 @@ from numpy.typing import NDArray
 from semloc_core.errors import MapError, MapUnavailableError
 from semloc_core.fleet.source import Catalogue, Fetched, MapSource, Nearest
 from semloc_core.model import Model
+
+logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
@@ -26,6 +29,7 @@ class Link:
         source: the map; closed with the link.
         rng: draws the jitter.
         clock: seconds.
+        sleep: waits for so many of them.
 
     Attributes:
         model: as last read; None before the first answer.
@@ -33,13 +37,20 @@ class Link:
         failure: why the last question failed; empty where it did not.
         since: when the first of the failures in a row was, by the clock.
         took_s: how long the last answer of the server took.
+        outage_s: a question that the server does not answer is asked again, with the same pauses, until it has been
+            silent for so long; 0 (a robot's): the question fails at once.
 
     """
 
     def __init__(
-        self, source: MapSource, rng: np.random.Generator, clock: Callable[[], float] = time.monotonic
+        self,
+        source: MapSource,
+        rng: np.random.Generator,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._source, self._rng, self._clock = source, rng, clock
+        self._source, self._rng, self._clock, self._sleep = source, rng, clock, sleep
+        self.outage_s = 0.0
         self.model: Model | None = None
         self.catalogue: Catalogue | None = None
         self.failure = ""
@@ -104,6 +115,22 @@ class Link:
             return None
 
     def _ask(self, question: Callable[[], T]) -> T:
+        if not self.outage_s:
+            return self._ask_once(question)
+        while True:
+            asked_before = bool(self.failure)
+            try:
+                return self._ask_once(question)
+            except MapUnavailableError as error:
+                left = self.outage_s - self.lost_s()
+                if left <= 0:
+                    raise MapUnavailableError(f"{self.failure}; nor to any question for {self.outage_s:g} s") from error
+                if not asked_before:
+                    logger.warning("waiting up to %.0f s for the map's server: %s", left, error)
+            self._sleep(min(self.pause_s(), left))
+            self._resume = -np.inf
+
+    def _ask_once(self, question: Callable[[], T]) -> T:
         pause = self.pause_s()
         if pause > 0:
             raise MapUnavailableError(f"{self.failure} (asked again in {pause:.0f} s)")

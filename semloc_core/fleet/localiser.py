@@ -40,8 +40,8 @@ class FleetLocaliser(Localiser):
     """Localises one robot in a map that a server keeps.
 
     An answer is given only while the server answers; without it there is none (``no_graph``: no map), and the graph
-    goes on being updated. Until the server has answered for the first time it is not even known which model the map
-    has.
+    goes on being updated; with a link that waits (`Link.outage_s`) the update raises MapError
+    instead. Until the server has answered for the first time it is not even known which model the map has.
 
     Args:
         link: to the map; closed with the localiser.
@@ -85,6 +85,8 @@ class FleetLocaliser(Localiser):
             if query.encoded is not None:
                 self._focus(query.encoded.embedding[0].numpy())
         except MapError as error:
+            if self._link.outage_s:  # who waited for the server does not go on without it
+                raise
             query = Query(self._stamp_ns, self._seq, place or graph.query_place, reason=str(error))
             return Located(query, self._message(query, "no_graph"), self.map)
         return self._answer(query, observed=place is None)
@@ -145,7 +147,7 @@ class FleetLocaliser(Localiser):
         names = matching_buildings(catalogue.buildings, self.config.buildings)
         changes = tuple(entry.changes for entry in catalogue.buildings.values() if entry.changes)
         before = self.map.part_of
-        whole = self._whole = Whole(catalogue.content_hash, catalogue.n_places, changes)
+        whole = self._whole = Whole(catalogue.content_hash, catalogue.n_places, changes, tuple(catalogue.buildings))
         self._catalogue = catalogue
         self._sizes = {name: catalogue.buildings[name].n_places for name in names}
         if model is not self.map.model:

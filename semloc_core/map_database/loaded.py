@@ -61,12 +61,14 @@ class Whole:
         hash: as of `LoadedMap.hash`.
         n_places: of all its buildings.
         changes: class changes of all its buildings that know any.
+        buildings: names of all its buildings.
 
     """
 
     hash: str
     n_places: int
     changes: tuple[Mapping[str, ClassChange], ...] = ()
+    buildings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,6 +183,11 @@ class LoadedMap:
         number = self._number(building)
         return unpack_history(self.stored[number].history) if number < len(self.stored) else History()
 
+    @property
+    def all_buildings(self) -> tuple[str, ...]:
+        """Names of all buildings of the whole map, where this is a part of one."""
+        return self.part_of.buildings if self.part_of is not None else self.buildings
+
     def narrowed(self, patterns: Sequence[str]) -> LoadedMap:
         """The buildings that patterns such as ``hq/*`` fit, as a part of this map; the map itself where that is all.
 
@@ -193,7 +200,8 @@ class LoadedMap:
             return self
         runs = [self.rows_of(name) for name in names]
         places = [PlaceRows(self.place_ids[run], self.positions[run], self.embeddings[run]) for run in runs]
-        whole = self.part_of or Whole(self.hash, self.n_places, tuple(filter(None, self._changes())))
+        changes = tuple(filter(None, self._changes()))
+        whole = self.part_of or Whole(self.hash, self.n_places, changes, self.buildings)
         return assemble(
             self.name, self.model, [(self._stored(n), p) for n, p in zip(names, places, strict=True)], part_of=whole
         )

@@ -129,6 +129,21 @@ def test_a_run_of_another_frame_is_said_to_be_scored_as_this_building(semloc, ho
     )
 
 
+def test_a_run_in_a_building_that_is_left_out_is_not_scored_against_another(semloc, house, model, tmp_path):
+    for name in ("hq_1", "hq_2"):
+        shutil.copy(house / "office.json", tmp_path / f"{name}.json")
+    graphs, map_ = [tmp_path / "hq_1.json", tmp_path / "hq_2.json"], tmp_path / "hq.map"
+    assert semloc("map", "build", *graphs, "--model", model, "-o", map_).code == 0
+    assert semloc("bag", "simulate", graphs[0], "-o", tmp_path / "r.mcap", "--distance", 3, "--rate", 1).code == 0
+    figures = tmp_path / "figures.json"
+    ran = semloc("replay", tmp_path / "r.mcap", "--map", map_, "-q", "--buildings", "hq_2", "--json", figures)
+    assert "in hq_1, which --buildings leaves out: every answer there is wrong" in ran.err
+    assert "scored as if" not in ran.err
+    assert json.loads(figures.read_text())["rows"][-1]["success@10"] == 0
+    assert semloc("map", "remove", map_, "hq_1", "hq_2").code == 0
+    assert "answers not scored: the map has no buildings" in semloc("replay", tmp_path / "r.mcap", "--map", map_).err
+
+
 @pytest.mark.parametrize("filter_", ["none", "bayes"])
 def test_a_replay_gives_the_same_bytes_again(filter_, semloc, map_file, run, tmp_path):
     for name in ("a.mcap", "b.mcap"):

@@ -197,6 +197,31 @@ def test_a_server_that_does_not_answer_is_asked_ever_more_rarely(make):
     assert set(asked) == {0, 1}
 
 
+def test_who_waits_for_the_server_has_the_same_answers_or_an_end(make, caplog):
+    """A replay: an outage must change no answer, and one that lasts must not pass for a robot without a map."""
+    localiser, always = make(), make()
+    link, slept = localiser._link, []
+
+    def sleep(seconds):
+        slept.append(seconds)
+        localiser.clock.now += seconds
+        localiser.line.cut = localiser.clock.now < back
+
+    link._sleep, link.outage_s = sleep, 60.0
+    updates, back = list(walk(5)), 20.0
+    localiser.update(updates[0]), always.update(updates[0])
+    localiser.line.cut = True
+    for update in updates[1:4]:
+        assert localiser.update(update).matches == always.update(update).matches
+    assert 4 <= len(slept) <= 8
+    assert len(caplog.records) == 1, "more than one line for one outage"
+    assert "waiting up to 60 s" in caplog.text
+    localiser.line.cut, back, before = True, np.inf, localiser.clock.now
+    with pytest.raises(MapUnavailableError, match=r"answer .* nor to any question for 60 s"):
+        localiser.update(updates[4])
+    assert localiser.clock.now - before == pytest.approx(60)
+
+
 def test_before_the_server_was_ever_there_the_graph_is_followed(make, path):
     config = LocaliserConfig()
     localiser = make(config, ShortlistConfig())
@@ -341,6 +366,7 @@ def test_only_the_buildings_asked_for(make, path):
     file = open_localiser(str(path), config)
     assert localiser.update(building_update(seed=5)).matches.matches
     assert localiser.buildings == file.buildings == tuple(NAMES[:4])
+    assert localiser.map.all_buildings == file.map.all_buildings == tuple(NAMES)
     for each in (localiser, file):
         found = each.update(building_update(seed=5)).matches
         assert {match.map for match in [*found.matches, *found.raw_matches]} <= set(NAMES[:4])
