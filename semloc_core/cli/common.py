@@ -119,8 +119,9 @@ def progress(description: str) -> Iterator[Callable[[int, int, str], None]]:
 
     Where stderr is no terminal, a line every `LINE_EVERY_S` says how far it is.
     """
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[words]}"), TimeElapsedColumn())
-    screen = Console(stderr=True)
+    name, now = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[words]}", markup=False)
+    columns = (name, BarColumn(), now, TimeElapsedColumn())
+    screen = Console(stderr=True, markup=False, emoji=False, highlight=False)
     with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as bar:
         task = bar.add_task(description, total=None, words="")
         said = time.monotonic()

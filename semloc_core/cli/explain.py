@@ -46,7 +46,7 @@ def explain(
     """Locate one place of a graph, and say which classes and objects made the match, or any other pair."""
     from semloc_core import wire
     from semloc_core.cli.explained import print_answer, print_explanation
-    from semloc_core.explain.pair import check_asked, explain_pair, find_row
+    from semloc_core.explain.pair import asked_methods, check_asked, explain_pair, find_row
     from semloc_core.localiser import Localiser
     from semloc_core.map_database import load
 
@@ -60,15 +60,18 @@ def explain(
     assert result.located is not None
     matches = result.located.matches
     asked = f"asked: place {query} at {_at(graph, query)} of {source.name}{said}"
-    print_answer(matches, asked, result.located.query.reason)
-    parts = [wire.encode(matches)] + ([wire.encode(result.attributions)] if result.attributions else [])
-    if result.located.query.encoded is not None:
+    row = None
+    if result.located.query.encoded is not None:  # what was asked wrongly is said before anything is printed
         row = find_row(result.located, building, place)
-        explanation = explain_pair(result.located, row, methods=chosen)
-        print_explanation(explanation)
-        parts.append(wire.encode(explanation))
+        chosen = asked_methods(result.located, row, chosen)
     elif place is not None:
         raise ConfigError(f"expected a query place that can be embedded (got {query}: {result.located.query.reason})")
+    print_answer(matches, asked, result.located.query.reason)
+    parts = [wire.encode(matches)] + ([wire.encode(result.attributions)] if result.attributions else [])
+    if row is not None:
+        explanation = explain_pair(result.located, row, methods=chosen)
+        print_explanation(explanation, matches.matches[0].probability if matches.matches else None)
+        parts.append(wire.encode(explanation))
     if json_file is not None:
         write_whole(json_file, b"[" + b",".join(parts) + b"]\n")
 

@@ -7,24 +7,29 @@ from collections import Counter
 from collections.abc import Sequence
 
 from rich.table import Table
+from rich.text import Text
 
-from semloc_core.cli.screen import console, print_whole
+from semloc_core.cli.screen import console, cut, print_whole
 from semloc_core.explain.layout_scores import LAYOUT
 from semloc_core.messages import Counterfactual, Explanation, MethodAttributions, PlaceMatches, WhyNot, WithoutClass
 
 CLASSES = 8
 """Classes printed at most; the JSON has all."""
+REMOVED_CLASSES = 6
+"""Classes of removed objects that are named."""
+SAME_PROBABILITY = 0.005
+"""A probability nearer than this to the published one is no other answer."""
 UNSIGNED = ("attention", "saliency")
 
 
 def head(word: str, rest: str) -> None:
     """The first line of a part."""
-    console.print(f"[bold]{word:8s}[/bold] {rest}", highlight=False)
+    console.print(Text.assemble((f"{word:8s}", "bold"), f" {rest}"))
 
 
 def line(text: str) -> None:
     """A further line of a part."""
-    console.print(f"{'':8s} {text}", markup=False, highlight=False)
+    console.print(f"{'':8s} {text}")
 
 
 def print_answer(matches: PlaceMatches, asked: str, reason: str) -> None:
@@ -47,12 +52,19 @@ def print_answer(matches: PlaceMatches, asked: str, reason: str) -> None:
         x, y, z = match.position
         at = f"({x:.2f}, {y:.2f}, {z:.2f})"
         figures = (f"{match.similarity:.4f}", f"{match.probability:.3f}")
-        table.add_row("", str(match.rank), match.map, match.place, at, *figures)
+        table.add_row("", str(match.rank), cut(match.map), match.place, at, *figures)
     print_whole(table, console)
 
 
-def print_explanation(explanation: Explanation) -> None:
-    """Why: the classes by each explainer; why not the top match; and what if objects were not there."""
+def print_explanation(explanation: Explanation, published: float | None = None) -> None:
+    """Why: the classes by each explainer; why not the top match; and what if objects were not there.
+
+    Args:
+        explanation: of a query and a place.
+        published: the answer's probability: classes that change neither it nor the place share a line; None: a line
+            a class.
+
+    """
     of = f"{explanation.match_map}, place {explanation.match_place} (similarity {explanation.similarity:.4f})"
     # What decided comes first; of what explains the similarity, the most faithful.
     order = sorted(explanation.methods, key=_precedence)
@@ -62,7 +74,7 @@ def print_explanation(explanation: Explanation) -> None:
         head("WHY", f"{of}: no object counted")
     if explanation.why_not is not None:
         _print_why_not(explanation.why_not, explanation.similarity)
-    _print_what_if(order, explanation.counterfactual, explanation.without or [])
+    _print_what_if(order, explanation.counterfactual, explanation.without or [], published)
 
 
 def _print_methods(order: Sequence[MethodAttributions], of: str) -> None:
@@ -126,9 +138,13 @@ def _print_why_not(other: WhyNot, similarity: float | None) -> None:
 
 
 def _print_what_if(
-    order: Sequence[MethodAttributions], found: Counterfactual | None, without: Sequence[WithoutClass]
+    order: Sequence[MethodAttributions],
+    found: Counterfactual | None,
+    without: Sequence[WithoutClass],
+    published: float | None,
 ) -> None:
-    said = [_without(of) for of in without]
+    idle = [of for of in without if _changes_nothing(of, published)]
+    said = [_without([of]) for of in without if of not in idle] + ([_without(idle)] if idle else [])
     tested = [one for one in order if one.fidelity is not None and one.classes][:1]
     if tested and (fidelity := tested[0].fidelity) is not None:
         put = f"the {fidelity.budget:.0%} of the objects that {tested[0].method} puts first"
@@ -144,13 +160,21 @@ def _print_what_if(
         (line if number else lambda words: head("WHAT IF", words))(text)
 
 
-def _without(found: WithoutClass) -> str:
-    """The answer without a class, by similarity and layout."""
-    seen = f"had it seen no {found.class_}"
+def _changes_nothing(found: WithoutClass, published: float | None) -> bool:
+    if published is None:
+        return False
+    return found.same and abs(found.probability - published) <= SAME_PROBABILITY
+
+
+def _without(alike: Sequence[WithoutClass]) -> str:
+    """The answer without a class, by similarity and layout; or without any one of several that change nothing."""
+    found = alike[0]
+    seen = f"had it seen {', or '.join(f'no {of.class_}' for of in alike)}"
     if found.map is None:
         return f"{seen}: nothing to go by"
     there = "the same answer" if found.same else f"{found.map}, place {found.place}"
-    return f"{seen}: {there}, probability {found.probability:.3f}"
+    values = sorted(f"{of.probability:.3f}" for of in alike)
+    return f"{seen}: {there}, probability {' to '.join(dict.fromkeys((values[0], values[-1])))}"
 
 
 def _columns(*names: tuple[str, str]) -> Table:
@@ -163,8 +187,11 @@ def _columns(*names: tuple[str, str]) -> Table:
 
 
 def _removed(objects: list[tuple[str, str]]) -> str:
-    """A few objects by name, many by number of each class."""
+    """A few objects by name, many by number of each class, the most first."""
     if len(objects) <= 3:
         return ", ".join(f"{class_} {id_}" for class_, id_ in objects)
     counts = Counter(class_ for class_, _ in objects)
-    return ", ".join(f"{count} × {class_}" for class_, count in sorted(counts.items()))
+    most = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    named = ", ".join(f"{count} × {class_}" for class_, count in most[:REMOVED_CLASSES])
+    more = len(most) - REMOVED_CLASSES
+    return f"{named} and {more} more" if more > 0 else named

@@ -17,6 +17,7 @@ from semloc_core.cli.common import (
 )
 from semloc_core.cli.foreign_classes import AllowUnknown, check_classes
 from semloc_core.cli.map_places import MapPlace, to_change, to_read
+from semloc_core.cli.screen import many
 from semloc_core.errors import MapError
 
 if TYPE_CHECKING:
@@ -118,7 +119,7 @@ def _change(
 ) -> None:
     from semloc_core.map_merge.edit import store_edited, with_places
 
-    done = "replaced" if replace else "added"
+    done, said = "replaced" if replace else "added", []
     if places and len(inputs) != 1:
         raise MapError(f"expected one input with --place (got {len(inputs)})")
     with to_change(map_place) as (database, model), database.transaction():
@@ -127,10 +128,17 @@ def _change(
             if places:
                 edited = with_places(database.graph(building), graph, set(places), replace=replace)
                 store_edited(database, model, building, edited)
-                console.print(f"{building}: {len(set(places))} of its places {done}")
+                said.append(f"{building}: {len(set(places))} of its places {done}")
             else:
                 count = put(database, model, graph, building, path.name, replace)
-                console.print(f"{building}: {count} places {done}")
+                said.append(f"{building}: {many(count, 'place')} {done}")
+    _say_done(said)
+
+
+def _say_done(said: list[str]) -> None:
+    """A line a change, once it is in the map: one that fails undoes the others with it."""
+    for text in said:
+        console.print(text)
 
 
 def remove(
@@ -145,16 +153,17 @@ def remove(
     if place and len(names) != 1:
         raise MapError(f"expected one building with --place (got {len(names)})")
     with to_change(map_place) as (database, model), database.transaction():
-        before = map_weights(database, model)
+        before, said = map_weights(database, model), []
         for name in names:
             if place:
                 store_edited(database, model, name, without_places(database.graph(name), set(place)))
-                console.print(f"{name}: {len(set(place))} of its places removed")
+                said.append(f"{name}: {len(set(place))} of its places removed")
             else:
                 database.remove_building(name)
-                console.print(f"{name}: removed")
+                said.append(f"{name}: removed")
         if map_weights(database, model) != before:  # what it taught of classes is gone
             embed_again(database, model, database.buildings)
+    _say_done(said)
 
 
 def merge(

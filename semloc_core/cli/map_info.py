@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
+from rich.text import Text
 
 from semloc_core.cli.common import Json, write_json
 from semloc_core.cli.map_places import MapPlace, server_map, to_read
-from semloc_core.cli.screen import console, print_whole
+from semloc_core.cli.screen import console, cut, many, print_whole
 from semloc_core.fleet.address import is_address
 
 if TYPE_CHECKING:
@@ -20,6 +21,11 @@ if TYPE_CHECKING:
 
 UNASKED_PLACES = 20_000
 """Maps of at most so many places are searched for look-alikes unasked: that takes a few seconds."""
+
+
+MOVES = 0.05
+"""Share of a class's objects that moves, from which on the class is named as one that does."""
+MOVING_CLASSES = 8
 
 
 def info(
@@ -48,7 +54,12 @@ def info(
         _print_unknown(facts, model)
         asked = facts["places"] <= UNASKED_PLACES if aliasing is None else aliasing
         alike = _aliasing_rows(map_, model) if asked else []
-        _print_alike(alike, model)
+        if alike:
+            _print_alike(alike, model)
+        elif asked:
+            _line("alike", "no place to tell from others")
+        elif aliasing is None:
+            _line("alike", "--aliasing says how many places look alike to an encoder of class labels")
     if json_file is not None:
         name = facts["model"]["name"]
         rows: list[Row] = [
@@ -70,26 +81,20 @@ def _facts(place: str) -> dict[str, Any]:
 
 
 def _line(name: str, text: str) -> None:
-    console.print(f"[bold]{name:11s}[/bold] ", end="", highlight=False)
-    console.print(text, markup=False, highlight=False)
-
-
-def _many(count: int, name: str) -> str:
-    return f"{count} {name}{'' if count == 1 else 's'}"
+    console.print(Text.assemble((f"{name:11s}", "bold"), " ", text))
 
 
 def _print_head(facts: dict[str, Any]) -> None:
     model, space = facts["model"], facts["labelspace"]
     objects = sum(building["objects"] for building in facts["buildings"])
     size = f" ({facts['bytes'] / 1e6:.1f} MB, format {facts['format_version']})" if "bytes" in facts else ""
-    buildings = _many(len(facts["buildings"]), "building")
+    buildings = many(len(facts["buildings"]), "building")
     classes = len({name for building in facts["buildings"] for name in building["classes"]})
-    _line(
-        "map", f"{facts['name']}{size}: {buildings}, {facts['places']} places, {objects} objects of {classes} classes"
-    )
+    held = f"{many(facts['places'], 'place')}, {many(objects, 'object')} of {many(classes, 'class', 'classes')}"
+    _line("map", f"{facts['name']}{size}: {buildings}, {held}")
     _line("hash", facts["hash"])
-    _line("model", f"{model['name']} {model['hash'][:12]}, {facts['dimension']} numbers a place")
-    _line("labelspace", f"{space['name']} {space['hash'][:12]}, {space['classes']} classes")
+    _line("model", f"{model['name']} {model['hash'][:12]}, {many(facts['dimension'], 'number')} a place")
+    _line("labelspace", f"{space['name']} {space['hash'][:12]}, {many(space['classes'], 'class', 'classes')}")
 
 
 def _table(*names: str) -> Table:
@@ -104,7 +109,7 @@ def _print_buildings(facts: dict[str, Any]) -> None:
     merged = any(building["traversals"] for building in facts["buildings"])
     table = _table("building", "places", "objects", *(["merged"] if merged else []))
     for b in facts["buildings"]:
-        table.add_row(b["name"], str(b["places"]), str(b["objects"]), *([str(b["traversals"])] if merged else []))
+        table.add_row(cut(b["name"]), str(b["places"]), str(b["objects"]), *([str(b["traversals"])] if merged else []))
     console.print()
     print_whole(table, console)
 
@@ -124,11 +129,20 @@ def _print_classes(facts: dict[str, Any]) -> None:
     print_whole(table, console)
     for building in facts["buildings"]:
         if building["traversals"]:
-            rates = sorted(building["moved"].items(), key=lambda item: (-item[1], item[0]))
-            moved = ", ".join(f"{name} {rate:.2f}" for name, rate in rates)
-            merged = f"{_many(building['traversals'], 'traversal')} merged"
-            _line("moves", f"{building['name']}: {merged}; share that moves: {moved}")
+            merged = f"{many(building['traversals'], 'traversal')} merged"
+            _line("moves", f"{building['name']}: {merged}; {_moving(building['moved'])}")
     console.print()
+
+
+def _moving(rates: dict[str, float]) -> str:
+    """The classes that move the most; the prior gives every class a little."""
+    moving = [item for item in rates.items() if item[1] >= MOVES]
+    if not moving:
+        return "no class is seen to move"
+    moving.sort(key=lambda item: (-item[1], item[0]))
+    named = ", ".join(f"{name} {rate:.2f}" for name, rate in moving[:MOVING_CLASSES])
+    more = len(moving) - MOVING_CLASSES
+    return f"share that moves: {named}{f', and {more} more' if more > 0 else ''}"
 
 
 def _print_long(facts: dict[str, Any]) -> None:
@@ -146,14 +160,13 @@ def _print_unknown(facts: dict[str, Any], model: Model) -> None:
         classes = building["classes"]
         unknown.update({name: count for name, count in classes.items() if model.labelspace.index(name) < 0})
     if unknown:
-        _line("unknown", f"{unknown.total()} objects of classes that the model does not know: {listed(unknown)}")
+        _line(
+            "unknown", f"{many(unknown.total(), 'object')} of classes that the model does not know: {listed(unknown)}"
+        )
 
 
 def _print_alike(alike: list[Row], model: Model) -> None:
     """What class labels can tell apart: all that such an encoder can reach, and a measure of how uniform a map is."""
-    if not alike:
-        _line("alike", "--aliasing says how many places look alike to an encoder of class labels")
-        return
     from semloc_core.evaluate.aliasing import Aliasing, reads_labels_only
 
     _line("alike", f"kinds of places that {alike[0]['method']} tell apart, nothing moved (1-WL colour refinement)")
@@ -162,7 +175,7 @@ def _print_alike(alike: list[Row], model: Model) -> None:
     table = _table("building", "places", "kinds", "alone", f"alike > {Aliasing.NEAR_M:g} m", "success@1 at most")
     for row in alike:
         names = ("places", "colours", "alone", "far_aliases")
-        table.add_row(str(row["scope"]), *(str(row[name]) for name in names), f"{row['success@1_ceiling']:.3f}")
+        table.add_row(cut(str(row["scope"])), *(str(row[name]) for name in names), f"{row['success@1_ceiling']:.3f}")
     print_whole(table, console)
 
 
@@ -175,7 +188,7 @@ def _aliasing_rows(map_: ReadableMap, model: Model) -> list[Row]:
     space, encoder = model.labelspace, model.encoder
     if not reads_labels_only(encoder):
         encoder = build_encoder("paper", None, len(space))
-    name = f"class labels within {_many(encoder.extraction.hops, 'hop')}"
+    name = f"class labels within {many(encoder.extraction.hops, 'hop')}"
     buildings = [GraphArrays.from_scene_graph(map_.graph(b), space, b) for b in map_.buildings]
     scopes = [(arrays.name, [arrays]) for arrays in buildings] + ([("all", buildings)] if len(buildings) > 1 else [])
     found = [(scope, map_aliasing(encoder, some, len(space))) for scope, some in scopes]

@@ -9,6 +9,7 @@ import typer
 
 from semloc_core.cli.common import console
 from semloc_core.cli.map_places import Address, Index, Patterns, address_of, fresh, refuse_existing, server_map
+from semloc_core.cli.screen import many
 
 
 def push(
@@ -29,7 +30,7 @@ def push(
     with FleetDatabase.create(address_of(address), loaded.model, exist_ok=True, index=index) as database:
         written, alike = copy(loaded, database, buildings or ())
         console.print(
-            f"{address}: {_buildings(written)} written, {alike} were there already; "
+            f"{address}: {many(written, 'building')} written, {alike} were there already; "
             f"{len(database.buildings)} in all, hash {database.meta.content_hash}"
         )
 
@@ -48,7 +49,7 @@ def pull(
         refuse_existing(str(map_file))
     with server_map(address) as database, fresh(str(map_file), database.model, "") as file:
         count = copy(database, file, buildings or ())
-    console.print(f"{map_file}: {_buildings(count)}, hash {load(map_file).hash}")
+    console.print(f"{map_file}: {many(count, 'building')}, hash {load(map_file).hash}")
 
 
 def sweep(
@@ -65,8 +66,4 @@ def sweep(
 ) -> None:
     """Delete from a server what no building of the map consists of any more; writers that were killed leave some."""
     with server_map(address) as database:
-        console.print(f"{address}: {database.sweep(older_than)} left-over generations deleted")
-
-
-def _buildings(count: int) -> str:
-    return f"{count} building{'s' if count != 1 else ''}"
+        console.print(f"{address}: {many(database.sweep(older_than), 'left-over generation')} deleted")

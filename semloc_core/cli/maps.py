@@ -12,6 +12,7 @@ from semloc_core.cli.common import LabelspaceOption, SynonymsOption, console, pi
 from semloc_core.cli.foreign_classes import AllowUnknown
 from semloc_core.cli.map_changes import Inputs, Name, names_of, put, read_known
 from semloc_core.cli.map_places import Index, fresh, refuse_existing
+from semloc_core.cli.screen import many
 
 app = typer.Typer(no_args_is_help=True, help="Build and change map databases.")
 
@@ -50,7 +51,7 @@ def build(
             bar(i, len(inputs), building)
             graph = read_known(path, loaded, allow_unknown, space)
             places += put(database, loaded, graph, building, path.name, replace=False)
-    console.print(f"{output}: {places} places in {len(inputs)} building{'s' if len(inputs) != 1 else ''}")
+    console.print(f"{output}: {many(places, 'place')} in {many(len(inputs), 'building')}")
 
 
 app.command("info")(map_info.info)

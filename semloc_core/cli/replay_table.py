@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table
 
-from semloc_core.cli.screen import print_whole
+from semloc_core.cli.screen import many, print_whole
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.replay import ReplaySummary
 from semloc_core.traversal_score import FROM_METRES
@@ -44,7 +44,7 @@ def print_summary(title: str, summary: ReplaySummary, console: Console) -> None:
     answers = sum(summary.statuses.values())
     statuses = ", ".join(f"{count} {name} ({count / answers:.0%})" for name, count in summary.statuses.most_common())
     for name, text in (
-        ("status", f"{statuses or 'no answer'}, of {summary.updates} updates"),
+        ("status", f"{statuses or 'no answer'}, of {many(summary.updates, 'update')}"),
         ("probability", _calibrated(summary)),
         ("latency", f"{summary.p50_ms:.1f} ms median, {summary.p99_ms:.1f} ms 99th percentile"),
     ):

@@ -101,7 +101,8 @@ def find_row(located: Located, building: str | None, place: str | None) -> int:
     rows = [row for row, name in enumerate(loaded.place_ids) if name == place]
     if len(rows) != 1:
         names = ", ".join(loaded.buildings[int(loaded.building_index[row])] for row in rows) or "none"
-        raise MapError(f"expected a place id that one building of the map has (got {place!r}: {names})")
+        which = ", or its building too (--map-name, or a request's map)" if rows else ""
+        raise MapError(f"expected a place id that one building of the map has{which} (got {place!r}: {names})")
     return rows[0]
 
 
@@ -116,6 +117,25 @@ def check_asked(methods: Sequence[str]) -> None:
     for method in methods:
         if method not in known:
             raise ConfigError(f"expected explainers among {', '.join(known)} (got {method!r})")
+
+
+def asked_methods(located: Located, row: int, methods: Sequence[str] | None) -> list[str]:
+    """The methods to explain a place by; None: all that apply to it.
+
+    Raises:
+        ConfigError: no such explainer, or ``layout`` of a place other than the published one.
+
+    """
+    tested = _was_tested(located, row)
+    methods = list(EXPLAINERS) + [LAYOUT] * tested if methods is None else list(methods)
+    check_asked(methods)
+    if LAYOUT in methods and not tested:
+        raise ConfigError("expected layout asked of the published place, which was put to the test (got another one)")
+    return methods
+
+
+def _was_tested(located: Located, row: int) -> bool:
+    return located.evidence is not None and located.best_row == row
 
 
 def explain_pair(
@@ -148,11 +168,8 @@ def explain_pair(
         GraphError: the query was not embedded.
 
     """
-    tested = located.evidence is not None and located.best_row == row
-    methods = list(EXPLAINERS) + [LAYOUT] * tested if methods is None else list(methods)
-    check_asked(methods)
-    if LAYOUT in methods and not tested:
-        raise ConfigError("expected layout asked of the published place, which was put to the test (got another one)")
+    tested = _was_tested(located, row)
+    methods = asked_methods(located, row, methods)
     loaded, query = located.map, located.query
     if query.batch is None or query.encoded is None:
         raise GraphError(f"expected a query to explain (got none: {query.reason})")

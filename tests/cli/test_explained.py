@@ -16,6 +16,7 @@ from semloc_core.messages import (
     ObjectName,
     PlaceMatches,
     WhyNot,
+    WithoutClass,
 )
 from semloc_core.scene_graph import SceneGraph
 
@@ -146,6 +147,33 @@ def test_why_not_and_what_if_keep_what_is_known(capsys) -> None:
     assert "-0.1250  couch: for the top match" in out
     assert "WHAT IF  without chair o1\n" in out
     assert "the top match by similarity alone is office, place p5 (0.5000)" in out
+
+
+def test_classes_that_change_nothing_share_a_line(capsys) -> None:
+    without = [
+        WithoutClass("chair", "office", "p0", 0.998, True),
+        WithoutClass("bed", "office", "p7", 0.998, False),
+        WithoutClass("couch", "office", "p0", 1.0, True),
+        WithoutClass("sink", "office", "p0", 0.9, True),
+        WithoutClass("tv", None, None, 0.0, False),
+    ]
+    asked = explanation(method("layout", None, 1.0), without=without)
+    print_explanation(asked, 1.0)
+    said = [line[9:] for line in capsys.readouterr().out.splitlines() if "had it seen" in line]
+    assert said == [
+        "had it seen no bed: office, place p7, probability 0.998",
+        "had it seen no sink: the same answer, probability 0.900",
+        "had it seen no tv: nothing to go by",
+        "had it seen no chair, or no couch: the same answer, probability 0.998 to 1.000",
+    ]
+
+
+def test_many_removed_classes_are_cut_to_the_most_and_that_is_said(capsys) -> None:
+    removed = [ObjectName(f"o{i}{j}", f"class {i}") for i in range(9) for j in range(9 - i)]
+    print_explanation(explanation(method("layout", None, 1.0), counterfactual=Counterfactual(removed, "b", "p5", 0.5)))
+    first = capsys.readouterr().out.split("WHAT IF  ")[1].splitlines()[0]
+    assert first.startswith("without 9 × class 0, 8 × class 1, ")
+    assert first.endswith(", 4 × class 5 and 3 more")
 
 
 def test_no_figure_is_cut_off_on_a_narrow_screen(capsys, monkeypatch) -> None:

@@ -5,6 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from semloc_core.cli import map_info
+from semloc_core.cli.map_info import _moving
+
 
 @pytest.fixture
 def home(write_corridor, tmp_path) -> Path:
@@ -51,10 +54,28 @@ def test_places_that_look_alike_are_counted_for_every_encoder(semloc, write_corr
     assert ["chair", "2", "2"] in lines(told.out), "objects of all buildings, and in how many of these"
 
 
-def test_it_is_left_out_where_not_wanted_and_offered(semloc, home, tmp_path) -> None:
-    told = semloc("map", "info", built(semloc, tmp_path, home), "--no-aliasing")
+def test_it_is_left_out_where_not_wanted_and_offered_where_it_takes_long(semloc, home, tmp_path, monkeypatch) -> None:
+    map_file = built(semloc, tmp_path, home)
+    assert "alike" not in semloc("map", "info", map_file, "--no-aliasing").out
+    monkeypatch.setattr(map_info, "UNASKED_PLACES", 5)
+    told = semloc("map", "info", map_file)
     assert "--aliasing says how many places look alike" in told.out
     assert "at most" not in told.out
+
+
+def test_only_classes_that_move_are_said_to() -> None:
+    assert _moving({"wall": 0.0, "sink": 0.01}) == "no class is seen to move"
+    assert _moving({"sink": 0.01, "chair": 0.3, "couch": 0.05}) == "share that moves: chair 0.30, couch 0.05"
+    assert _moving({f"c{i}": 0.2 for i in range(10)}).endswith("c7 0.20, and 2 more")
+
+
+def test_one_is_one_and_a_long_name_does_not_widen_the_table(semloc, write_corridor, tmp_path) -> None:
+    one = write_corridor(tmp_path / "one.json", ["chair"])
+    map_file = built(semloc, tmp_path, one, more=("--name", "a" * 200))
+    told = semloc("map", "info", map_file)
+    assert "1 building, 1 place, 1 object of 1 class\n" in told.out
+    assert ["a" * 59 + "…", "1", "1"] in lines(told.out)
+    assert "y: 1 place added\n" in semloc("map", "add", map_file, one, "--name", "y").out
 
 
 def test_an_encoder_of_labels_gets_its_own_ceiling(semloc, home, tmp_path) -> None:

@@ -79,7 +79,20 @@ def test_a_run_merges_into_the_building_that_it_fits(semloc, house, map_file, tm
     merged = load(map_file)
     assert merged.history("office").traversals[0].source == "run.mcap"
     assert not merged.history("other").traversals
-    assert "1 traversal merged; share that moves" in semloc("map", "info", map_file, "--no-aliasing").out
+    assert "1 traversal merged; no class is seen to move" in semloc("map", "info", map_file, "--no-aliasing").out
+
+
+@pytest.mark.parametrize("name", ["[/hq]", "[red]floor[/red] 2", ":smile: x"])
+def test_names_are_printed_as_they_are_whatever_a_screen_would_read_in_them(semloc, house, map_file, tmp_path, name):
+    odd = tmp_path / "odd.map"
+    made = ("map", "build", house / "office.json", "--model", house / "office.model", "--name", name, "-o", odd)
+    assert semloc(*made).code == 0
+    tried = semloc("map", "merge", odd, house / "run.mcap", "--dry-run")
+    assert tried.code == 0, tried.err
+    assert tried.out.startswith(f"{name}: laid on it by")
+    replayed = semloc("replay", house / "run.mcap", "--map", odd)
+    assert replayed.code == 0, replayed.err
+    assert f"  {name} (" in replayed.out
 
 
 def test_another_buildings_traversal_is_refused_in_one_line(semloc, house, map_file):
