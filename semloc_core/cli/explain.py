@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from semloc_core.cli.common import can_be_written, read_graph_or_run
+from semloc_core.cli.map_places import only_a_file
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import ConfigError, GraphError
 from semloc_core.whole_file import write_whole
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def explain(
-    map_file: Annotated[Path, typer.Argument(metavar="MAP", help="The map database.")],
+    map_file: Annotated[Path, typer.Argument(metavar="MAP", parser=only_a_file, help="The map file.")],
     source: Annotated[Path, typer.Argument(metavar="GRAPH|RUN", help="What the robot knows.")],
     query: Annotated[
         str | None,

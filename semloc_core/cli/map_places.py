@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from semloc_core.cli.screen import note
 from semloc_core.errors import MapError
 from semloc_core.fleet.address import is_address, parse_address
+from semloc_core.fleet.layout import INDEX_KINDS
 
 if TYPE_CHECKING:
     from semloc_core.fleet.address import MilvusAddress
@@ -29,13 +31,21 @@ Patterns = Annotated[
     typer.Option("--buildings", metavar="PATTERN", help="Only buildings such as 'hq/*'; may be repeated."),
 ]
 Index = Annotated[
-    str,
+    str | None,
     typer.Option(
         "--index",
         metavar="KIND",
-        help="Index of a new map on a server: HNSW, FLAT (exact), IVF_FLAT, IVF_SQ8, DISKANN or AUTOINDEX.",
+        help="Index of a new map on a server: HNSW (default), FLAT (exact), IVF_FLAT, IVF_SQ8, DISKANN or AUTOINDEX.",
     ),
 ]
+
+
+def only_a_file(place: str) -> Path:
+    """The file that an argument must be: the parser of such arguments, as a path no longer shows an address."""
+    if "://" in place:
+        said = ": " + place if "@" not in place else ""  # what could be a password is not repeated
+        raise MapError(f"expected a map file (got an address; semloc map pull makes a file of it{said})")
+    return Path(place)
 
 
 def address_of(place: str) -> MilvusAddress:
@@ -95,7 +105,7 @@ def refuse_existing(place: str) -> None:
 
 
 @contextmanager
-def fresh(place: str, model: Model, index: str) -> Iterator[WritableMap]:
+def fresh(place: str, model: Model, index: str | None = None) -> Iterator[WritableMap]:
     """A map without buildings at this place, once the block ends well; else what was there before."""
     from semloc_core.map_database import MapDatabase
 
@@ -103,6 +113,8 @@ def fresh(place: str, model: Model, index: str) -> Iterator[WritableMap]:
         with _fresh_on_server(parse_address(place), model, index) as there:
             yield there
         return
+    if index is not None:
+        raise MapError(f"expected --index with a map on a server (got {place}, a file, which has none)")
     output = Path(place)
     if output.exists():  # other processes may have it open, so it is changed in place, in one transaction
         with MapDatabase.open(output) as database, database.transaction():
@@ -119,16 +131,23 @@ def fresh(place: str, model: Model, index: str) -> Iterator[WritableMap]:
         unfinished.unlink(missing_ok=True)
 
 
+def tell_no_effect(index: str | None, address: MilvusAddress) -> None:
+    """Say that a map that is there keeps the index it was made with."""
+    if index is not None:
+        note(f"--index {index} has no effect: {address} was made before, and keeps the index that it has")
+
+
 @contextmanager
-def _fresh_on_server(address: MilvusAddress, model: Model, index: str) -> Iterator[FleetDatabase]:
+def _fresh_on_server(address: MilvusAddress, model: Model, index: str | None) -> Iterator[FleetDatabase]:
     """A new map, or in place of one that is there."""
     from semloc_core.fleet.creating import map_exists
     from semloc_core.fleet.database import FleetDatabase
 
     if map_exists(address):
+        tell_no_effect(index, address)
         with FleetDatabase.open(address) as database, database.transaction():
             database.reset(model)
             yield database
         return
-    with FleetDatabase.create(address, model, index=index) as database, database.transaction():
+    with FleetDatabase.create(address, model, index=index or INDEX_KINDS[0]) as database, database.transaction():
         yield database

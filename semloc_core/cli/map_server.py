@@ -8,26 +8,42 @@ from typing import Annotated
 import typer
 
 from semloc_core.cli.common import console
-from semloc_core.cli.map_places import Address, Index, Patterns, address_of, fresh, refuse_existing, server_map
+from semloc_core.cli.map_places import (
+    Address,
+    Index,
+    Patterns,
+    address_of,
+    fresh,
+    only_a_file,
+    refuse_existing,
+    server_map,
+    tell_no_effect,
+)
 from semloc_core.cli.screen import many
 
 
 def push(
-    map_file: Annotated[Path, typer.Argument(metavar="FILE", help="The map file.")],
+    map_file: Annotated[Path, typer.Argument(metavar="FILE", parser=only_a_file, help="The map file.")],
     address: Address,
     buildings: Patterns = None,
-    index: Index = "HNSW",
+    index: Index = None,
 ) -> None:
     """Copy the buildings of a map file to a map on a server, which is made where there is none.
 
     A building that the server has by that name is replaced, the others stay. Both maps must be of one model.
     """
+    from semloc_core.fleet.creating import map_exists
     from semloc_core.fleet.database import FleetDatabase
+    from semloc_core.fleet.layout import INDEX_KINDS
     from semloc_core.fleet.transfer import push as copy
     from semloc_core.map_database import load
 
-    loaded = load(map_file)
-    with FleetDatabase.create(address_of(address), loaded.model, exist_ok=True, index=index) as database:
+    loaded, there = load(map_file), address_of(address)
+    if index is not None and map_exists(there):
+        tell_no_effect(index, there)
+        index = None
+    kind = index or INDEX_KINDS[0]
+    with FleetDatabase.create(there, loaded.model, exist_ok=True, index=kind) as database:
         written, alike = copy(loaded, database, buildings or ())
         console.print(
             f"{address}: {many(written, 'building')} written, {alike} were there already; "
@@ -47,7 +63,7 @@ def pull(
 
     if not force:
         refuse_existing(str(map_file))
-    with server_map(address) as database, fresh(str(map_file), database.model, "") as file:
+    with server_map(address) as database, fresh(str(map_file), database.model) as file:
         count = copy(database, file, buildings or ())
     console.print(f"{map_file}: {many(count, 'building')}, hash {load(map_file).hash}")
 

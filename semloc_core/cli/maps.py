@@ -38,7 +38,7 @@ def build(
     synonyms: SynonymsOption = None,
     allow_unknown: AllowUnknown = False,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing map.")] = False,
-    index: Index = "HNSW",
+    index: Index = None,
 ) -> None:
     """Build a map database: every place of every building, embedded; the file carries the model too."""
     if not force:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from semloc_core.cli.common import can_be_written, console
+from semloc_core.cli.map_places import only_a_file
 from semloc_core.whole_file import write_whole
 
 app = typer.Typer(
@@ -17,7 +18,9 @@ app = typer.Typer(
 Results = Annotated[
     Path, typer.Argument(metavar="RESULTS", help="A bag of answers: written by `semloc replay -o`, or recorded.")
 ]
-MapOption = Annotated[Path, typer.Option("--map", metavar="MAP", help="The map database that answered.")]
+MapOption = Annotated[
+    Path, typer.Option("--map", metavar="MAP", parser=only_a_file, help="The map file that answered.")
+]
 RunOption = Annotated[
     Path | None, typer.Option("--run", metavar="RUN", help="Take the ground truth from this bag, not from RESULTS.")
 ]

@@ -173,6 +173,9 @@ def no_map(server: Server, name: str) -> MapError:
     """The error for a map that is not there; says which ones are."""
     ending = layout.catalogue("")[len(layout.PREFIX) :]
     start = layout.PREFIX
+    if layout.catalogue(name) in server.collections():
+        at = f"map {name!r} at {server.address.uri}"
+        return MapError(f"expected {at} (got one that was begun and never finished: push or build it again)")
     maps = [each[len(start) : -len(ending)] for each in server.collections() if each.startswith(start)]
     there = sorted({each for each in maps if layout.catalogue(each) in server.collections()})
     return MapError(f"expected a map {name!r} at {server.address.uri} (got maps: {', '.join(there[:8]) or 'none'})")

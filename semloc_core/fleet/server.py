@@ -8,7 +8,9 @@ from __future__ import annotations
 import logging
 import os
 import threading
+import time
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from semloc_core.errors import MapError, MapUnavailableError
@@ -231,14 +233,16 @@ class Server:
         import grpc
         from pymilvus.exceptions import MilvusException
 
+        started = time.monotonic()
         try:
             return work()
         except grpc.RpcError as error:
-            raise self._lost(error.code() if hasattr(error, "code") else None, error) from None
+            code = error.code() if hasattr(error, "code") else None
+            raise self._lost(code, error, started) from None
         except MilvusException as error:
             if isinstance(error.code, grpc.StatusCode):
-                raise self._lost(error.code, error) from None
-            raise self._refused(error.code, str(error.message)) from None
+                raise self._lost(error.code, error, started) from None
+            raise self._refused(error.code, str(error.message), started) from None
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             # pymilvus could not read an answer
             raise MapError(
@@ -251,6 +255,8 @@ class Server:
                 from pymilvus import MilvusClient
 
                 certificate = os.environ.get(CERTIFICATE_VARIABLE, "")
+                if self.address.secure and certificate and not Path(certificate).is_file():
+                    raise MapError(f"expected {CERTIFICATE_VARIABLE} to name a file (got {certificate}, which is none)")
                 more = {"server_pem_path": certificate} if self.address.secure and certificate else {}
                 token = os.environ.get(TOKEN_VARIABLE, "")
                 self._client = MilvusClient(
@@ -263,7 +269,7 @@ class Server:
                 )
             return self._client
 
-    def _lost(self, code: Any, error: Exception) -> MapError:
+    def _lost(self, code: Any, error: Exception, started: float) -> MapError:
         import grpc
 
         if code in (grpc.StatusCode.UNAUTHENTICATED, grpc.StatusCode.PERMISSION_DENIED):
@@ -274,9 +280,9 @@ class Server:
             return MapError(f"expected a Milvus server at {self.address} (got something else: {_short(error)})")
         self.close()
         reason = code.name.lower().replace("_", " ") if isinstance(code, grpc.StatusCode) else _short(error)
-        return self._unavailable(reason)
+        return self._unavailable(reason, started)
 
-    def _refused(self, code: int, message: str) -> MapError:
+    def _refused(self, code: int, message: str, started: float) -> MapError:
         lowered = message.lower()
         if code == _NOT_LOADED or "not loaded" in lowered:
             return _NotLoadedError(f"expected a loaded collection at {self.address} (got: {_short(message)})")
@@ -284,18 +290,18 @@ class Server:
             return NoCollectionError(f"expected a map at {self.address} (got: {_short(message)})")
         if code == _CONNECT_FAILED:
             self.close()
-            return self._unavailable("no server there")
+            return self._unavailable("no server there", started)
         if code == _RATE_LIMIT or "timeout" in lowered or "deadline" in lowered:
             self.close()
-            return self._unavailable(_short(message))
+            return self._unavailable(_short(message), started)
         if "auth" in lowered or "permission" in lowered or "privilege" in lowered:
             return self._not_let_in()
         return MapError(f"expected {self.address} to do as it is told (got: {_short(message)})")
 
-    def _unavailable(self, reason: str) -> MapUnavailableError:
-        return MapUnavailableError(
-            f"expected an answer from {self.address} within {self.timeout_s:g} s (got none: {reason})"
-        )
+    def _unavailable(self, reason: str, started: float) -> MapUnavailableError:
+        waited = time.monotonic() - started >= 0.9 * self.timeout_s
+        within = f" within {self.timeout_s:g} s" if waited else ""
+        return MapUnavailableError(f"expected an answer from {self.address}{within} (got none: {reason})")
 
     def _not_let_in(self) -> MapError:
         have = "the token in" if os.environ.get(TOKEN_VARIABLE) else "no token in"
@@ -320,7 +326,7 @@ def _import_pymilvus() -> None:
     except ImportError as error:
         name = error.name or "pymilvus"
         raise MapError(
-            f"expected pymilvus, for a map on a server (got no {name}: pip install 'semloc[fleet]')"
+            f"expected pymilvus, for a map on a server (got no {name}: pip install -e '.[fleet]' in the clone)"
         ) from None
     # It logs the whole traceback of every error that it raises; what is wrong is said by our own.
     logging.getLogger("pymilvus").setLevel(logging.CRITICAL + 1)

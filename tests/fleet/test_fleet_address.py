@@ -75,5 +75,5 @@ def test_without_pymilvus_one_line_says_what_to_install(monkeypatch: pytest.Monk
     from semloc_core.fleet.milvus_source import MilvusSource
 
     monkeypatch.setitem(sys.modules, "pymilvus", None)
-    with pytest.raises(MapError, match=r"got no pymilvus: pip install 'semloc\[fleet\]'"):
+    with pytest.raises(MapError, match=r"got no pymilvus: pip install -e '.\[fleet\]' in the clone"):
         MilvusSource(parse_address("milvus+http://localhost:1/x")).catalogue()

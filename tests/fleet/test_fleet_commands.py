@@ -13,7 +13,9 @@ import pytest
 from semloc_core.cli import main
 from semloc_core.encoder import build_encoder
 from semloc_core.fleet.address import MilvusAddress
+from semloc_core.fleet.creating import make_collections
 from semloc_core.fleet.milvus_source import MilvusSource
+from semloc_core.fleet.server import Server
 from semloc_core.map_database import load
 from semloc_core.model import Model
 from semloc_core.world import OfficeConfig, make_office, write_world
@@ -107,6 +109,37 @@ def test_the_same_as_of_a_file(semloc, house: Path, tmp_path: Path, address: Mil
     assert semloc(*build, second, "--force").code == 0
     assert MilvusSource(second).catalogue().content_hash == load(tmp_path / "own.map").hash
     source.close()
+
+
+def test_an_address_where_a_file_must_be(semloc, tmp_path: Path) -> None:
+    for address in ("milvus+http://h:1/site", "http://h:1/site", "milvus+http://me:hush@h/site"):
+        for words in (
+            ("explain", address, tmp_path / "graph.json"),
+            ("report", "replay", tmp_path / "r.mcap", "--map", address, "-o", tmp_path / "r.html"),
+            ("map", "push", address, "milvus+http://h:1/other"),
+        ):
+            ran = semloc(*words)
+            said = "" if "@" in address else f": {address}"
+            wanted = f"expected a map file (got an address; semloc map pull makes a file of it{said})"
+            assert (ran.code, ran.err) == (2, f"semloc: {wanted}\n")
+
+
+def test_a_first_push_that_was_killed_and_an_index_that_comes_too_late(
+    semloc, house: Path, tmp_path: Path, address: MilvusAddress
+) -> None:
+    file = tmp_path / "x.map"
+    build = ("map", "build", house / "office.json", "--model", house / "rings.model", "-o", file)
+    assert "expected --index with a map on a server" in semloc(*build, "--index", "FLAT").err
+    assert not file.exists()
+    assert semloc(*build).code == 0
+    server = Server(address)
+    make_collections(server, load(file).model, "FLAT")  # as far as a writer comes that is killed at its first step
+    server.close()
+    assert "begun and never finished: push or build it again" in semloc("map", "info", address).err
+    assert "no effect" not in semloc("map", "push", file, address, "--index", "FLAT").err
+    again = semloc("map", "push", file, address, "--index", "FLAT")
+    assert again.code == 0
+    assert f"--index FLAT has no effect: {address} was made before" in again.err
 
 
 def test_one_line_where_it_can_not_be(semloc, house: Path, tmp_path: Path, address: MilvusAddress) -> None:

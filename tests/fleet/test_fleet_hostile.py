@@ -12,6 +12,7 @@ import socket
 import threading
 import zlib
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -22,7 +23,7 @@ from map_cases import ONE_LINE, make_building, make_model
 
 from semloc_core.errors import MapError, MapUnavailableError
 from semloc_core.fleet import layout
-from semloc_core.fleet.address import TOKEN_VARIABLE, MilvusAddress
+from semloc_core.fleet.address import CERTIFICATE_VARIABLE, TOKEN_VARIABLE, MilvusAddress
 from semloc_core.fleet.database import FleetDatabase
 from semloc_core.fleet.milvus_source import MilvusSource
 from semloc_core.fleet.rows import Pointer, pack, unpack
@@ -232,10 +233,27 @@ def test_what_is_no_server(monkeypatch: pytest.MonkeyPatch) -> None:
             with pytest.raises(MapUnavailableError) as caught:
                 source.catalogue()
             assert re.fullmatch(ONE_LINE, str(caught.value)), caught.value
-            assert f"127.0.0.1:{port}/x within 0.5 s" in str(caught.value)
+            assert re.search(rf"127.0.0.1:{port}/x (within 0.5 s )?\(got none", str(caught.value)), caught.value
             assert "secret" not in str(caught.value)
             source.close()
         web.shutdown()
+
+
+def test_a_wait_that_was_not_made_is_not_claimed() -> None:
+    with socket.socket() as gone:
+        gone.bind(("127.0.0.1", 0))
+        free = gone.getsockname()[1]
+    source = MilvusSource(MilvusAddress("127.0.0.1", free, "x"), timeout_s=60)
+    with pytest.raises(MapUnavailableError, match=r"/x \(got none: no server there\)"):
+        source.catalogue()
+    source.close()
+
+
+def test_a_missing_certificate_is_named_with_its_variable(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv(CERTIFICATE_VARIABLE, str(tmp_path / "ca.pem"))
+    source = MilvusSource(MilvusAddress("127.0.0.1", 1, "x", secure=True))
+    with pytest.raises(MapError, match=rf"expected {CERTIFICATE_VARIABLE} to name a file \(got .*ca.pem"):
+        source.catalogue()
 
 
 def test_no_such_map(site: MilvusAddress) -> None:
