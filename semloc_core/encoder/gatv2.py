@@ -95,6 +95,11 @@ class GATv2(nn.Module):
             out = out + self._weigh(sent[:n_targets], own_alpha)
         return out + self.bias, Attention(alpha, own_alpha)
 
+    def spread(self) -> Tensor:
+        """(heads * outputs, heads) the attention vectors as one matrix, in place of a sum over each head."""
+        found: Tensor = (torch.eye(self.heads)[:, None, :] * self.attention.detach()[:, :, None]).flatten(0, 1)
+        return found
+
     def _logits(self, pair: Tensor) -> Tensor:
         """(E, heads * outputs) -> (E, heads)."""
         logits: Tensor = (F.leaky_relu(pair, NEGATIVE_SLOPE).view(-1, self.heads, self.outputs) * self.attention).sum(

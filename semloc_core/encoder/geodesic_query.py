@@ -13,10 +13,10 @@ from typing import TypeGuard
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from semloc_core.encoder.base import Encoded
 from semloc_core.encoder.geodesic_attention import TINY, GeodesicAttentionEncoder
+from semloc_core.encoder.layers import as_array
 from semloc_core.place_graph import Batch
 
 Array = NDArray[np.float32]
@@ -50,8 +50,8 @@ class GeodesicQuery:
         self._sink, self._space_weight = np.float32(config.sink), np.float32(config.space_weight)
         self._root = np.float32(math.sqrt(config.sink))
         with torch.no_grad():
-            self._score = _array(encoder.score.exp())  # (R, C)
-            self._value, self._bias = _array(encoder.value.weight), _array(encoder.value.bias)  # (D, R·C + R), (D,)
+            self._score = as_array(encoder.score.exp())  # (R, C)
+            self._value, self._bias = as_array(encoder.value.weight), as_array(encoder.value.bias)  # (D, R·C + R), (D,)
 
     @staticmethod
     def fits(encoder: object, batch: Batch) -> TypeGuard[GeodesicAttentionEncoder]:
@@ -128,8 +128,3 @@ class GeodesicQuery:
 
 def _bands(batch: Batch) -> int:
     return -1 if batch.free_space is None else int(batch.free_space.shape[1])
-
-
-def _array(tensor: Tensor) -> Array:
-    array: Array = np.ascontiguousarray(tensor.detach().numpy(), dtype=np.float32)
-    return array

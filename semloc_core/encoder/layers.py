@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import cast
 
+import numpy as np
 import torch
 import torch.nn.functional as F
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from semloc_core.errors import ModelError
@@ -135,3 +138,16 @@ class SumLayer(nn.Module):
         )
         normed: Tensor = self.norm(torch.tanh(y))
         return normed
+
+    def norm_as_affine(self) -> tuple[Tensor, Tensor]:
+        """What batch norm does in eval mode, as a factor and an offset, (outputs,) each."""
+        norm = self.norm
+        mean, variance = cast("Tensor", norm.running_mean), cast("Tensor", norm.running_var)
+        scale = norm.weight / torch.sqrt(variance + norm.eps)
+        return scale, norm.bias - mean * scale
+
+
+def as_array(tensor: Tensor) -> NDArray[np.float32]:
+    """Weights for numpy: float32, C-contiguous, without a gradient."""
+    array: NDArray[np.float32] = np.ascontiguousarray(tensor.detach().numpy(), dtype=np.float32)
+    return array

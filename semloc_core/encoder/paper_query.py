@@ -14,12 +14,11 @@ from typing import TypeGuard, cast
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from semloc_core.encoder.base import Encoded
 from semloc_core.encoder.credit import follow
 from semloc_core.encoder.gatv2 import NEGATIVE_SLOPE
-from semloc_core.encoder.layers import SumLayer
+from semloc_core.encoder.layers import SumLayer, as_array
 from semloc_core.encoder.paper import TINY, PaperEncoder
 from semloc_core.place_graph import Batch
 
@@ -42,12 +41,9 @@ class _Sum:
 
     @classmethod
     def of(cls, layer: SumLayer) -> _Sum:
-        norm = layer.norm
-        mean, variance = cast("Tensor", norm.running_mean), cast("Tensor", norm.running_var)
-        scale = norm.weight / torch.sqrt(variance + norm.eps)
-        shift = norm.bias - mean * scale
+        scale, shift = layer.norm_as_affine()
         weights = (layer.message.weight.t(), layer.root.weight.t(), layer.message.bias, scale, shift)
-        return cls(*map(_array, weights))
+        return cls(*map(as_array, weights))
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,17 +72,15 @@ class PaperQuery:
             features = torch.cat([torch.zeros(1, encoder.n_classes), torch.eye(encoder.n_classes)])
             state = torch.nn.functional.elu(encoder.project(features))
             self._first, *self._layers = [_Sum.of(cast("SumLayer", layer)) for layer in encoder.layers]
-            start = _array(state)
+            start = as_array(state)
             self._sent = start @ self._first.message
             self._own = start @ self._first.root + self._first.bias
-            self._embed, self._embed_bias = _array(encoder.embed.weight.t()), _array(encoder.embed.bias)
+            self._embed, self._embed_bias = as_array(encoder.embed.weight.t()), as_array(encoder.embed.bias)
             self._gat = gat = encoder.gat
             if gat is not None:
-                self._source, self._source_bias = _array(gat.source.weight.t()), _array(gat.source.bias)
-                self._target, self._target_bias = _array(gat.target.weight.t()), _array(gat.target.bias)
-                # A matrix in place of a sum over each head: (heads · H, heads).
-                spread = torch.eye(gat.heads)[:, None, :] * gat.attention[:, :, None]
-                self._attention, self._gat_bias = _array(spread.flatten(0, 1)), _array(gat.bias)
+                self._source, self._source_bias = as_array(gat.source.weight.t()), as_array(gat.source.bias)
+                self._target, self._target_bias = as_array(gat.target.weight.t()), as_array(gat.target.bias)
+                self._attention, self._gat_bias = as_array(gat.spread()), as_array(gat.bias)
 
     @staticmethod
     def fits(encoder: object, batch: Batch) -> TypeGuard[PaperEncoder]:
@@ -190,8 +184,3 @@ def _norm(x: Array, layer: _Sum) -> Array:
     x *= layer.scale
     x += layer.shift
     return x
-
-
-def _array(tensor: Tensor) -> Array:
-    array: Array = np.ascontiguousarray(tensor.detach().numpy(), dtype=np.float32)
-    return array

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from semloc_core.answer import Located
 from semloc_core.errors import SemlocError
-from semloc_core.explain.scores import NOISE
-from semloc_core.messages import ClassAttribution, MethodAttributions, ObjectAttribution
+from semloc_core.explain.scores import by_share
+from semloc_core.messages import MethodAttributions, ObjectAttribution
 
 LAYOUT = "layout"
 """The explainer's name."""
@@ -42,14 +42,9 @@ def layout_attributions(located: Located) -> tuple[MethodAttributions, float]:
         name = names[class_]
         total[name] = total.get(name, 0.0) + nats
         instances[name] = instances.get(name, 0) + 1
-    magnitude = sum(map(abs, total.values()))
-    share = {name: abs(nats) / magnitude if magnitude > NOISE else 1 / len(total) for name, nats in total.items()}
     return MethodAttributions(
         method=LAYOUT,
-        classes=[
-            ClassAttribution(class_=name, score=total[name], share=share[name], instances=instances[name])
-            for name in sorted(total, key=lambda name: (-share[name], name))
-        ],
+        classes=by_share(total, instances),
         objects=[
             ObjectAttribution(id=id_, class_=names[class_], score=nats)
             for id_, class_, nats in sorted(of_objects, key=lambda of: (-of[2], of[0]))

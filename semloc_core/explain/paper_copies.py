@@ -39,12 +39,8 @@ class CopiedLayer:
     @classmethod
     def of(cls, layer: SumLayer, adjacency: Tensor) -> CopiedLayer:
         """A layer in eval mode, on a graph."""
-        norm = layer.norm
-        mean, variance = cast("Tensor", norm.running_mean), cast("Tensor", norm.running_var)
-        scale = norm.weight / torch.sqrt(variance + norm.eps)
-        return cls(
-            adjacency, layer.message.weight, layer.root.weight, layer.message.bias, scale, norm.bias - mean * scale
-        )
+        scale, shift = layer.norm_as_affine()
+        return cls(adjacency, layer.message.weight, layer.root.weight, layer.message.bias, scale, shift)
 
 
 class PaperCopies:

@@ -36,9 +36,7 @@ class RootAttention:
         # Most often every near node sends to the root once: then nothing needs to be gathered, a softmax has no order.
         self._all = len(self.rows)
         self._gathers = not torch.equal(self.rows.sort().values, torch.arange(len(self.rows)))
-        # a matrix in place of a sum over each head: (heads · H, heads)
-        spread = torch.eye(gat.heads)[:, None, :] * gat.attention.detach()[:, :, None]
-        self.attention = spread.flatten(0, 1)
+        self.attention = gat.spread()
 
     def forward(self, x: Tensor, keep: Tensor | None) -> Attended:
         """(n, K, H) states and (K, N) bool, what is kept -> the root's new state, and how it came about."""

@@ -55,6 +55,17 @@ def class_scores(scores: ObjectScores) -> list[ClassAttribution]:
     for name, score in zip(scores.classes, scores.scores.tolist(), strict=True):
         total[name] = total.get(name, 0.0) + score
         instances[name] = instances.get(name, 0) + 1
+    return by_share(total, instances)
+
+
+def by_share(total: Mapping[str, float], instances: Mapping[str, int]) -> list[ClassAttribution]:
+    """Classes by falling share of the summed magnitude, then by name; see `class_scores`.
+
+    Args:
+        total: class -> signed score.
+        instances: class -> how many objects, of the same classes.
+
+    """
     magnitude = sum(abs(value) for value in total.values())
     shares: Mapping[str, float] = {
         name: abs(value) / magnitude if magnitude > NOISE else 1 / len(total) for name, value in total.items()
