@@ -31,7 +31,7 @@ def encoder_of(space_weight: float) -> GeodesicAttentionEncoder:
 
 
 @given(valid_updates(full=True), st.sampled_from([0.0, 0.07]), st.integers(0, 99), st.booleans())
-@settings(deadline=None, max_examples=80)
+@settings(max_examples=80)
 def test_it_is_the_same_function(message: SceneGraphUpdate, space_weight: float, seed: int, weighed: bool) -> None:
     graph = SceneGraph.from_update(message)
     encoder = encoder_of(space_weight)
