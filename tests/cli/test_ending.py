@@ -92,7 +92,7 @@ def test_letters_that_an_encoding_lacks_are_said_plainly() -> None:
     from semloc_core.cli.ending import plainly
 
     text = "0–5 … é 🙂"
-    assert plainly(UnicodeEncodeError("ascii", text, 0, len(text), "")) == ("0-5?... e ?".replace("?...", " ..."), 9)
+    assert plainly(UnicodeEncodeError("ascii", text, 0, len(text), "")) == ("0-5 ... e ?", len(text))
 
 
 @POSIX
