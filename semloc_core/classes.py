@@ -7,7 +7,7 @@ localiser, the bridge and the player read labels through a `Reading`, and say in
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -23,6 +23,7 @@ from semloc_core.labelspace import (
     load_synonyms,
     number_of,
     placeholder,
+    union,
 )
 from semloc_core.labelspace_files import shipped_labelspaces
 
@@ -86,6 +87,23 @@ class Reading:
             its = self.said.synonyms.items()
             space = space.with_synonyms({o: n for o, n in its if space.index(o) < 0 <= space.index(n)})
         return space.with_synonyms(self.synonyms) if space is not None else None
+
+    def classes_of(self, files: Sequence[Labelspace]) -> Labelspace:
+        """The classes to work in: the model's, those that the person names, else all that the files have.
+
+        Args:
+            files: each file's own labelspace.
+
+        """
+        if self.space is not None:
+            return self.space
+        if self.said is not None:
+            return self.said.with_synonyms({o: n for o, n in self.synonyms.items() if self.said.index(n) >= 0})
+        if not self.synonyms:
+            return union(files)
+        spelt = {folded(name): name for name in reversed(list(self.synonyms.values()))}
+        own = Labelspace("synonyms", tuple(spelt.values()))
+        return union([*files, own.with_synonyms(self.synonyms)])
 
     @cached_property
     def _joined(self) -> dict[str, str]:
@@ -214,7 +232,9 @@ def advice(names: Iterable[str]) -> str:
 
 def _of_another_numbering(said: Labelspace, names: Mapping[int, str]) -> bool:
     """Whether most of the names that a file shares with a labelspace stand at other numbers there."""
-    shared = [(i, said.canonical(name)) for i, name in names.items() if number_of(name) is None and said.index(name) >= 0]
+    shared = [
+        (i, said.canonical(name)) for i, name in names.items() if number_of(name) is None and said.index(name) >= 0
+    ]
     return sum(said.name_of(i) != name for i, name in shared) > len(shared) / 2
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
+from semloc_core.classes import advice
 from semloc_core.errors import ModelError
 from semloc_core.labelspace import all_numbers, listed
 from semloc_core.model import Model
@@ -74,7 +75,8 @@ def pick_general(objects: Mapping[str, int], *, least_known: float = LEAST_KNOWN
         names = ", ".join(known) or "none"
         raise ModelError(
             f"expected --model, or a building of which a general encoder ({names}) knows "
-            f"{f'at least {least_known:.0%} of the objects' if least_known else 'an object'} (got {_unknown(objects, known, best) if best and total else 'none'})"
+            f"{f'at least {least_known:.0%} of the objects' if least_known else 'an object'} "
+            f"(got {_unknown(objects, known, best) if best and total else 'none'})"
         )
     return best[0], best[1], known[best[0]]
 
@@ -83,8 +85,7 @@ def _unknown(objects: Mapping[str, int], known: Mapping[str, int], best: tuple[s
     """What the best general encoder does not know of a building, and what helps."""
     name, model = best
     lacks = {class_: count for class_, count in objects.items() if model.labelspace.index(class_) < 0}
-    if all_numbers(lacks):
-        helps = "--labelspace says which classes these numbers are"
-    else:
-        helps = "semloc train makes a model of the building's own classes, --synonyms joins names"
+    helps = advice(lacks)
+    if not all_numbers(lacks):
+        helps = f"semloc train makes a model of the building's own classes, {helps}"
     return f"{known[name]} of {sum(objects.values())} known to {name}, none of {listed(lacks)}; {helps}"

@@ -17,5 +17,9 @@ def describe_server_map(database: FleetDatabase) -> dict[str, Any]:
 
     """
     meta = database.meta
-    buildings = [describe_building(database.building(name)[0], read_graph(database.graph(name), database.model.labelspace)) for name in database.buildings]
+    space = database.model.labelspace
+    buildings = [
+        describe_building(database.building(name)[0], read_graph(database.graph(name), space))
+        for name in database.buildings
+    ]
     return {"name": database.name, "hash": meta.content_hash, **describe_meta(meta, database.model, buildings)}

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from semloc_core.errors import FileFormatError, LabelspaceError
 from semloc_core.classes import Labels, Reading
+from semloc_core.errors import FileFormatError, LabelspaceError
 from semloc_core.hydra.format import (
     AGENT_TYPE,
     OBJECT_TYPES,

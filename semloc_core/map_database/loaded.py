@@ -15,8 +15,8 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 
 from semloc_core.building_patterns import matching_buildings
-from semloc_core.encoder.query import QueryEncoder
 from semloc_core.classes import read_graph
+from semloc_core.encoder.query import QueryEncoder
 from semloc_core.errors import MapError
 from semloc_core.map_database.history import ClassChange, History, unpack_history
 from semloc_core.map_database.inverted import LARGE, InvertedSearch

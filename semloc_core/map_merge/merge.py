@@ -17,7 +17,6 @@ from semloc_core.errors import MapError
 from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.labelspace import Labelspace
 from semloc_core.map_database.history import ClassChange, History, ObjectBelief, Traversal
-from semloc_core.map_database.weights import class_name
 from semloc_core.map_merge.align import Alignment, Scene, align, match_objects
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.persistence import Observation, Verdict, judge
