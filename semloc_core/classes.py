@@ -155,7 +155,7 @@ class Labels:
             if not named or self._overrules:
                 name = of_number
                 if named and folded(said.canonical(label)) != folded(name):
-                    self._overruled[f"{number} {label}"] = name
+                    self._overruled[f"{number} {label}"] = name if space is None else space.canonical(name)
             elif folded(said.canonical(label)) != folded(of_number):
                 self._kept = True
         if name is None:

@@ -160,7 +160,7 @@ class Labelspace:
                 a synonym, a class, or a number.
 
         Raises:
-            LabelspaceError: a synonym points to no class.
+            LabelspaceError: a synonym points to no class, or to one that is joined to another.
 
         """
         said: dict[str, str] = {}
@@ -169,6 +169,12 @@ class Labelspace:
                 raise LabelspaceError(f"expected a synonym of a class of {self.name} (got {name!r} for {other!r})")
             said[other] = self.canonical(name)
         meant = {folded(other): name for other, name in said.items()}
+        for other, name in said.items():
+            if meant.get(folded(name), name) != name:
+                raise LabelspaceError(
+                    f"expected synonyms of classes that mean themselves (got {other!r} for {name!r}, which is joined "
+                    f"to {meant[folded(name)]!r})"
+                )
         kept = {other: name for other, name in self.synonyms.items() if folded(other) not in meant}
         spelt = {name: meant[key] for name in self.classes if (key := folded(name)) in meant and name != meant[key]}
         return replace(self, synonyms={**kept, **spelt, **said})

@@ -23,10 +23,12 @@ def test_the_map_names_numbers_that_nobody_named_and_says_so():
 
 
 def test_a_persons_synonyms_win_over_the_file_and_the_maps_numbers_and_classes():
-    labels = Reading(synonyms={"class_11": "bed", "LAMP": "chair", "chair": "couch"}, known=MAP).labels(FILE)
-    assert [labels.number(i) for i in (11, 7)] == ["bed", "chair"]
+    labels = Reading(synonyms={"class_11": "bed", "LAMP": "bed", "chair": "couch"}, known=MAP).labels(FILE)
+    assert [labels.number(i) for i in (11, 7)] == ["bed", "bed"]
     assert labels.name("Chair") == "couch"
     assert labels.told() == []
+    with pytest.raises(LabelspaceError, match="'couch'"):
+        Reading(synonyms={"lamp": "chair", "chair": "couch"}).with_known(MAP)
     with pytest.raises(LabelspaceError, match="'desk'"):
         Reading(synonyms={"lamp": "desk"}).with_known(MAP)
 
