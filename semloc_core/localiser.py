@@ -7,16 +7,19 @@ every query and explain only some: `apply` takes an update in, `locate` answers 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.answer import Localisation, Located, Query, ServerState, matches_of
+from semloc_core.classes import Labels, all_unknown
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
 from semloc_core.explain.answered import EXPLAINER_SEED, explain_answer
 from semloc_core.explain.layout_scores import LAYOUT
 from semloc_core.filter_model import MapModel
+from semloc_core.labelspace import lacks
 from semloc_core.map_database import LoadedMap
 from semloc_core.name_counter import NameCounter
 from semloc_core.posterior import CANDIDATES, IN_MAP, Ranking, modes, place_probabilities
@@ -31,6 +34,7 @@ from semloc_core.wire import (
     MapInfo,
     Match,
     ModelInfo,
+    Object,
     Odometry,
     PlaceMatches,
     SceneGraphUpdate,
@@ -50,7 +54,8 @@ class Localiser:
         config: options.
 
     Attributes:
-        unknown_classes: names of object classes that the labelspace lacks -> objects seen of them.
+        labels: reads the updates' labels, where a person said something of them; None leaves them to the map.
+        unknown_classes: names of object classes that the labelspace lacks -> different objects seen of them.
         map_info: what is published of the map; None while a server's map is not known yet.
 
     """
@@ -61,6 +66,7 @@ class Localiser:
 
     def __post_init__(self) -> None:
         self.stream = UpdateStream()
+        self.labels: Labels | None = None
         self._seq, self._stamp_ns = 0, 0
         self._explained_ns: int | None = None
         self._surroundings: Surroundings | None = None
@@ -129,7 +135,7 @@ class Localiser:
         The other must not be used any more.
         """
         self.stream, self._seq, self._stamp_ns = other.stream, other._seq, other._stamp_ns
-        self._explained_ns, self._odometry = other._explained_ns, other._odometry
+        self._explained_ns, self._odometry, self.labels = other._explained_ns, other._odometry, other.labels
         if self._tracker is not None and other._tracker is not None and other.map.hash == self.map.hash:
             self._tracker = other._tracker
         self._look_again(other._visibility)
@@ -144,9 +150,13 @@ class Localiser:
         extraction = model.encoder.extraction
         kept = visibility if visibility is not None and visibility.radius_m == extraction.visibility_m else None
         self._surroundings = Surroundings(graph, model.labelspace, extraction, kept)
-        for item in graph.objects.values():
-            if self.map.model.labelspace.index(item.class_) < 0:
-                self.unknown_classes.see(item.class_)
+        self._count_unknown(graph.objects.values())
+
+    def _count_unknown(self, objects: Iterable[Object]) -> None:
+        space = self.map.model.labelspace
+        for item in objects:
+            if lacks(space, item.class_):
+                self.unknown_classes.see(item.class_, item.id)
 
     # -- 1. the update into the graph -----------------------------------------------------------------------
 
@@ -159,6 +169,8 @@ class Localiser:
         """Take an update into the graph, all or nothing (errors as of `update`)."""
         if not isinstance(update, SceneGraphUpdate):
             update = decode_update(update, self.config.max_update_bytes)
+        if self.labels is not None:
+            update = self.labels.update(update)
         outcome, change = self.stream.apply(update)
         if outcome is Outcome.REPEATED:
             return outcome
@@ -173,9 +185,8 @@ class Localiser:
             self._surroundings = Surroundings(graph, model.labelspace, model.encoder.extraction)
         elif change is not None:
             self._surroundings.update(change)
-        for item in update.objects:
-            if outcome is Outcome.APPLIED and self.map.model.labelspace.index(item.class_) < 0:
-                self.unknown_classes.see(item.class_)
+        if outcome is Outcome.APPLIED:
+            self._count_unknown(update.objects)
         return outcome
 
     # -- 2. the query place, embedded and looked up ---------------------------------------------------------
@@ -285,12 +296,14 @@ class Localiser:
             return query.because("the query place is isolated")
         batch = self.map.weigh(self._surroundings.batch(place))
         if not bool(batch.is_object.any()):
-            return query.because("no object in reach of the query place")
+            why = all_unknown((item.class_ for item in graph.objects.values()), self.map.model.labelspace)
+            return query.because(why or "no object in reach of the query place")
         encoded = self.map.queries.encode(batch)
         if not bool(encoded.embedding.any()):
             return query.because("the encoder has nothing to say of this place")
+        name = self.map.model.labelspace.canonical
         names = tuple(
-            graph.objects[node].class_ if is_object else ""
+            name(graph.objects[node].class_) if is_object else ""
             for node, is_object in zip(batch.node_ids, batch.is_object.tolist(), strict=True)
         )
         return Query(query.stamp_ns, query.seq, place, batch, encoded, names)

@@ -26,6 +26,7 @@ from semloc_core.bag import (
     decode_string,
     read_messages,
 )
+from semloc_core.classes import all_unknown
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import BagError, GraphError, MessageError
 from semloc_core.localiser import Localiser
@@ -56,7 +57,8 @@ class ReplaySummary:
     Attributes:
         rows: success by distance travelled (empty without ground truth), see `TraversalScore.rows`.
         updates: updates read; ``counts`` says what became of them, and ``statuses`` of the answers.
-        unknown_classes: classes that the map's labelspace lacks -> objects seen of them.
+        unknown_classes: classes that the map's labelspace lacks -> different objects seen of them.
+        all_unknown: why no object said anything to the map, where it knows the class of none; else empty.
         p50_ms, p99_ms: of decoding, applying, locating and explaining one update, wall time.
         listed, calibrated: answers that list places, and those of them whose probabilities are calibrated.
         unscored: answers whose ground truth could not be assigned to a building of the map.
@@ -69,6 +71,7 @@ class ReplaySummary:
     counts: Counter[str] = field(default_factory=Counter)
     statuses: Counter[str] = field(default_factory=Counter)
     unknown_classes: Counter[str] = field(default_factory=Counter)
+    all_unknown: str = ""
     p50_ms: float | None = None
     p99_ms: float | None = None
     listed: int = 0
@@ -166,6 +169,10 @@ def replay(
         raise BagError(f"expected scene-graph updates on {topic} in {run} (got none)")
     summary.counts.update(localiser.stream.counts)
     summary.unknown_classes = localiser.unknown_classes
+    graph = localiser.stream.graph
+    if summary.unknown_classes and graph is not None:
+        names = [thing.class_ for thing in graph.objects.values()]
+        summary.all_unknown = all_unknown(names, localiser.map.model.labelspace) or ""
     summary.rows, summary.unscored = score.rows(localiser.map.model.encoder.name), score.unscored
     summary.p50_ms, summary.p99_ms = latency.percentile(50), latency.percentile(99)
     return summary

@@ -24,6 +24,7 @@ from semloc_core.bag import (
     decode_point,
     decode_string,
 )
+from semloc_core.classes import Labels
 from semloc_core.errors import BagError, GraphError, MessageError
 from semloc_core.messages import Position, SceneGraphUpdate
 from semloc_core.scene_graph import SceneGraph
@@ -143,11 +144,16 @@ def _stamp_of(text: str, received_ns: int) -> int:
         return received_ns
 
 
-def graph_at_end(path: str | Path, *, topic: str = SCENE_GRAPH_TOPIC) -> SceneGraph:
+def graph_at_end(path: str | Path, *, topic: str = SCENE_GRAPH_TOPIC, labels: Labels | None = None) -> SceneGraph:
     """The scene graph that a run's updates lead to: what a map is built from.
 
     Malformed updates are left out, as the localiser does, and logged. If updates are missing and no full one
     follows, it is the graph from before the gap.
+
+    Args:
+        path: the bag.
+        topic: of the updates.
+        labels: reads its objects' labels; None leaves them as they are.
 
     Raises:
         BagError: the bag can't be read, or no update of it could be applied.
@@ -168,4 +174,4 @@ def graph_at_end(path: str | Path, *, topic: str = SCENE_GRAPH_TOPIC) -> SceneGr
     if graph is None:
         topics = ", ".join(sorted(reader.types)) or "nothing"
         raise BagError(f"expected a full scene-graph update on {topic} in {path} (got none; topics: {topics})")
-    return graph
+    return graph if labels is None else labels.graph(graph)

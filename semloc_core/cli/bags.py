@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from semloc_core.cli.common import LabelspaceOption, Seed, building_name, console, pick_labelspace, read_graph
+from semloc_core.cli.common import LabelspaceOption, Seed, SynonymsOption, building_name, console, note, read_graph
 
 app = typer.Typer(no_args_is_help=True, help="Make bags.")
 
@@ -17,6 +18,7 @@ def simulate(
     graph: Annotated[Path, typer.Argument(metavar="GRAPH", help="The building to walk through.")],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="RUN", help="The bag: a .mcap or a folder.")],
     labelspace: LabelspaceOption = None,
+    synonyms: SynonymsOption = None,
     speed: Annotated[float, typer.Option(help="Walking speed, m/s.")] = 0.5,
     distance: Annotated[float, typer.Option(help="How far to walk, m; agent poses are followed to their end.")] = 60.0,
     range_m: Annotated[float, typer.Option("--range", help="Sensing range along walkable ways, m.")] = 5.0,
@@ -33,10 +35,15 @@ def simulate(
     """
     import numpy as np
 
+    from semloc_core.classes import Reading, advice
+    from semloc_core.labelspace import listed, number_of
     from semloc_core.run import write_run
     from semloc_core.simulate import SimulationConfig, simulate_traversal
 
-    file = read_graph(graph, pick_labelspace(labelspace))
+    file = read_graph(graph, Reading.of(labelspace, synonyms))
+    numbers = Counter(thing.class_ for thing in file.graph.objects.values() if number_of(thing.class_) is not None)
+    if numbers:
+        note(f"{graph}: class numbers without names are recorded as such: {listed(numbers)}; {advice(numbers)}")
     config = SimulationConfig.of(
         speed_mps=speed,
         distance_m=distance,

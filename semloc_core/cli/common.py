@@ -11,16 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from semloc_core.cli.foreign_classes import tell_numbers
 from semloc_core.cli.screen import console as console
 from semloc_core.cli.screen import note as note
 from semloc_core.errors import ConfigError, FileFormatError
 from semloc_core.whole_file import write_whole
 
 if TYPE_CHECKING:
+    from semloc_core.classes import Reading
     from semloc_core.hydra import HydraFile
-    from semloc_core.labelspace import Labelspace
-    from semloc_core.model import Model
     from semloc_core.scene_graph import SceneGraph
 
 
@@ -43,15 +41,17 @@ LabelspaceOption = Annotated[
     typer.Option(
         "--labelspace",
         metavar="NAME|FILE",
-        help="Classes: a shipped name (uhumans2_office, uhumans2_apartment, coco, mpcat40) or a YAML file; "
-        "default: taken from the graph file.",
+        help="Classes, and what class numbers mean: a shipped name (uhumans2_office, uhumans2_apartment, coco, "
+        "mpcat40) or a YAML file; default: what the graph file says, else the map or model.",
     ),
 ]
 
 SynonymsOption = Annotated[
     Path | None,
     typer.Option(
-        "--synonyms", metavar="FILE", help="YAML that joins a detector's names to the map's: {synonyms: {sofa: couch}}."
+        "--synonyms",
+        metavar="FILE",
+        help="YAML that joins a detector's names or numbers to the map's: {synonyms: {sofa: couch, 7: bed}}.",
     ),
 ]
 
@@ -66,47 +66,33 @@ def building_name(path: Path) -> str:
     return path.resolve().parent.name if path.stem in ("map", "query", "graph", "dsg") else path.stem
 
 
-def pick_labelspace(option: str | None) -> Labelspace | None:
-    """The labelspace that ``--labelspace`` names; None: take the file's own."""
-    from semloc_core.labelspace import load_labelspace
-
-    return load_labelspace(option) if option is not None else None
-
-
-def join_synonyms(model: Model, path: Path | None) -> None:
-    """Let a model know another detector's names; what it answers for its own stays as it is."""
-    from semloc_core.labelspace import load_synonyms
-
-    if path is not None:
-        model.labelspace = model.labelspace.with_synonyms(load_synonyms(path))
-
-
-def read_graph(path: Path, labelspace: Labelspace | None) -> HydraFile:
-    """Read a GRAPH."""
+def read_graph(path: Path, reading: Reading) -> HydraFile:
+    """Read a GRAPH, and say what had to be decided of its classes."""
     from semloc_core.hydra import read_hydra
 
     if not path.exists():
         raise FileFormatError(f"expected a scene-graph file (got {path}, which does not exist)")
-    return read_hydra(path, labelspace)
+    file = read_hydra(path, reading)
+    tell(path, file.decided)
+    return file
 
 
-def read_graph_or_run(path: Path, labelspace: Labelspace, *, of_map: bool = False) -> SceneGraph:
-    """Read a GRAPH, or a RUN to its end.
-
-    Args:
-        path: the file or folder.
-        labelspace: what class numbers mean in files without names.
-        of_map: it is a map's or a model's, not one named for this file: numbers that it gives names to are told.
-
-    """
+def read_graph_or_run(path: Path, reading: Reading) -> SceneGraph:
+    """Read a GRAPH, or a RUN to its end, and say what had to be decided of its classes."""
     if is_run(path):
         from semloc_core.run import graph_at_end
 
-        return graph_at_end(path)
-    file = read_graph(path, labelspace)
-    if of_map:
-        tell_numbers(path, file, labelspace)
-    return file.graph
+        labels = reading.labels()
+        graph = graph_at_end(path, labels=labels)
+        tell(path, labels.told())
+        return graph
+    return read_graph(path, reading).graph
+
+
+def tell(where: Path, lines: Sequence[str]) -> None:
+    """Say what had to be decided of a file's classes."""
+    for line in lines:
+        note(f"{where}: {line}")
 
 
 LINE_EVERY_S = 15.0

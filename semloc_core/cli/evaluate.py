@@ -12,8 +12,8 @@ from semloc_core.cli.common import (
     Json,
     LabelspaceOption,
     Seed,
+    SynonymsOption,
     console,
-    pick_labelspace,
     progress,
     read_graph,
     show,
@@ -34,6 +34,7 @@ def office(
     ablation: Annotated[bool, typer.Option("--ablation", help="The paper's Table III instead of Table II.")] = False,
     seeds: Annotated[int, typer.Option(min=1, help="How many seeds, from --seed on.")] = 3,
     labelspace: LabelspaceOption = None,
+    synonyms: SynonymsOption = None,
     seed: Seed = 0,
     json_file: Json = None,
 ) -> None:
@@ -42,14 +43,15 @@ def office(
     recall@N is positives found in the top N over all positives, as the paper's figures are; recall_ceiling@N is the
     best it can be. success@N is what users mean: any of the top N within 4 m.
     """
+    from semloc_core.classes import Reading
     from semloc_core.evaluate.ablation import evaluate_ablation
     from semloc_core.evaluate.office import evaluate_office
     from semloc_core.graph_arrays import GraphArrays
     from semloc_core.labelspace import count_unknown
 
-    chosen = pick_labelspace(labelspace)
-    file = read_graph(graph, chosen)
-    space = chosen or file.labelspace
+    reading = Reading.of(labelspace, synonyms)
+    file = read_graph(graph, reading)
+    space = reading.classes_of([file.labelspace])
     report_unknown_classes(count_unknown(file.graph, space), str(graph))
     arrays = GraphArrays.from_scene_graph(file.graph, space, graph.stem)
     with progress("evaluating") as bar:

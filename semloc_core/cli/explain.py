@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from semloc_core.cli.common import can_be_written, read_graph_or_run
+from semloc_core.cli.common import LabelspaceOption, SynonymsOption, can_be_written, read_graph_or_run
+from semloc_core.cli.foreign_classes import report_unknown_classes
 from semloc_core.cli.map_places import only_a_file
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import ConfigError, GraphError
@@ -40,21 +41,27 @@ def explain(
     methods: Annotated[
         str | None, typer.Option("--methods", metavar="NAME,…", help="Explainers, by comma; default: all.")
     ] = None,
+    labelspace: LabelspaceOption = None,
+    synonyms: SynonymsOption = None,
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", callback=can_be_written, help="Write all messages as JSON.")
     ] = None,
 ) -> None:
     """Locate one place of a graph, and say which classes and objects made the match, or any other pair."""
     from semloc_core import wire
+    from semloc_core.classes import Reading, advice, all_unknown
     from semloc_core.cli.explained import print_answer, print_explanation
     from semloc_core.explain.pair import asked_methods, check_asked, explain_pair, find_row
+    from semloc_core.labelspace import count_unknown
     from semloc_core.localiser import Localiser
     from semloc_core.map_database import load
 
     chosen = None if methods is None else [name.strip() for name in methods.split(",")]
     check_asked(chosen or [])
     loaded = load(map_file)
-    graph = read_graph_or_run(source, loaded.model.labelspace, of_map=True)
+    graph = read_graph_or_run(source, Reading.of(labelspace, synonyms, loaded.model.labelspace))
+    unknown = count_unknown(graph, loaded.model.labelspace)
+    report_unknown_classes(unknown, str(source), advise=False)
     query, said = _query_place(graph, query, near, within)
     localiser = Localiser(loaded)
     result = localiser.update(graph.to_update(seq=0, stamp_ns=0, frame_id="query", query_place=query))
@@ -67,7 +74,9 @@ def explain(
         chosen = asked_methods(result.located, row, chosen)
     elif place is not None:
         raise ConfigError(f"expected a query place that can be embedded (got {query}: {result.located.query.reason})")
-    print_answer(matches, asked, result.located.query.reason)
+    reason = result.located.query.reason
+    nothing = all_unknown((thing.class_ for thing in graph.objects.values()), loaded.model.labelspace)
+    print_answer(matches, asked, f"{nothing}; {advice(unknown)}" if nothing and unknown else reason)
     parts = [wire.encode(matches)] + ([wire.encode(result.attributions)] if result.attributions else [])
     if row is not None:
         explanation = explain_pair(result.located, row, methods=chosen)

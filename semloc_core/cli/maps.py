@@ -8,7 +8,7 @@ import typer
 
 from semloc_core.cli import map_changes, map_info, map_server
 from semloc_core.cli.choose_model import choose_model
-from semloc_core.cli.common import LabelspaceOption, SynonymsOption, console, pick_labelspace, progress
+from semloc_core.cli.common import LabelspaceOption, SynonymsOption, console, progress
 from semloc_core.cli.foreign_classes import AllowUnknown
 from semloc_core.cli.map_changes import Inputs, Name, names_of, put, read_known
 from semloc_core.cli.map_places import Index, fresh, refuse_existing
@@ -41,15 +41,18 @@ def build(
     index: Index = None,
 ) -> None:
     """Build a map database: every place of every building, embedded; the file carries the model too."""
+    from semloc_core.classes import Reading
+
     if not force:
         refuse_existing(output)
     names, places = names_of(inputs, name), 0
-    space = pick_labelspace(labelspace)
-    loaded = choose_model(model, inputs, space, synonyms)
+    reading = Reading.of(labelspace, synonyms)
+    loaded = choose_model(model, inputs, reading, allow_unknown=allow_unknown)
+    reading = reading.with_known(loaded.labelspace)
     with fresh(output, loaded, index) as database, progress("embedding places") as bar:
         for i, (path, building) in enumerate(zip(inputs, names, strict=True)):
             bar(i, len(inputs), building)
-            graph = read_known(path, loaded, allow_unknown, space)
+            graph = read_known(path, reading, allow_unknown)
             places += put(database, loaded, graph, building, path.name, replace=False)
     console.print(f"{output}: {many(places, 'place')} in {many(len(inputs), 'building')}")
 

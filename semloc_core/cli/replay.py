@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from semloc_core.cli.common import Json, SynonymsOption, console, join_synonyms, note, write_json
+from semloc_core.cli.common import Json, LabelspaceOption, SynonymsOption, console, note, tell, write_json
 from semloc_core.cli.foreign_classes import report_unknown_classes
 from semloc_core.config import LocaliserConfig, checked, options
 
@@ -39,6 +39,7 @@ def replay(
     buildings: Annotated[
         list[str] | None, typer.Option("--buildings", metavar="PATTERN", help=_HELP["buildings"])
     ] = None,
+    labelspace: LabelspaceOption = None,
     synonyms: SynonymsOption = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the closing table.")] = False,
     json_file: Json = None,
@@ -60,6 +61,7 @@ def replay(
     )
     import torch
 
+    from semloc_core.classes import Reading, advice
     from semloc_core.cli.replay_table import print_summary
     from semloc_core.open_map import open_localiser
     from semloc_core.replay import Answer
@@ -76,12 +78,16 @@ def replay(
         console.print(_line(answer, (stamp - shown_ns[0]) / 1e9))
 
     localiser = open_localiser(map_, config, outage_s=OUTAGE_S)
-    join_synonyms(localiser.map.model, synonyms)
     try:
+        reading = Reading.of(labelspace, synonyms, localiser.map.model.labelspace)
+        labels = localiser.labels = reading.labels()
         summary = run_replay(run, localiser, config, topic=topic, results=output, on_answer=on_answer)
     finally:
         localiser.close()
-    report_unknown_classes(dict(summary.unknown_classes), str(run), labelspace=False)
+    tell(run, labels.told())
+    report_unknown_classes(summary.unknown_classes, str(run), advise=False)
+    if summary.all_unknown:
+        note(f"{run}: {summary.all_unknown}; {advice(summary.unknown_classes)}")
     dropped = {k: v for k, v in sorted(summary.counts.items()) if k != "applied" and v}
     if dropped:
         note("updates not applied: " + ", ".join(f"{count} {name}" for name, count in dropped.items()))

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from semloc_core.classes import Labels, Reading
 from semloc_core.errors import FileFormatError, LabelspaceError
 from semloc_core.hydra.format import (
     AGENT_TYPE,
@@ -66,6 +67,7 @@ class HydraFile:
         rooms: node id -> room.
         dropped: reason -> how many nodes and edges could not be used.
         reversed: edges between layers that ran from child to parent; they are used.
+        decided: a line for each thing that had to be decided of its classes (`semloc_core.classes`).
         frame_id: the frame of all positions.
 
     """
@@ -76,22 +78,22 @@ class HydraFile:
     rooms: dict[str, Room] = field(default_factory=dict)
     dropped: dict[str, int] = field(default_factory=dict)
     reversed: int = 0
+    decided: tuple[str, ...] = ()
     frame_id: str = FRAME_ID
 
 
-def read_hydra(path: str | Path, labelspace: Labelspace | None = None) -> HydraFile:
+def read_hydra(path: str | Path, labelspace: Labelspace | Reading | None = None) -> HydraFile:
     """Read a scene-graph file.
 
-    An object's class is the name that the file gives its label (``metadata.labelspaces``); where the file has
-    none, or only the placeholder ``class_<id>``, it is the name that ``labelspace`` gives the id, else
-    ``class_<id>``. So a labelspace's ids never overrule names: ids mean other things in other files.
+    An object's class is what `semloc_core.classes` makes of its label and of the name that the file gives it
+    (``metadata.labelspaces``); a number that nobody names is ``class_<id>``.
 
     Nodes that stand twice or have no finite position, edges that stand twice, end nowhere or where they begin are
     dropped, counted and logged as a warning.
 
     Args:
         path: JSON of spark_dsg 1.0 or 1.1; or ``.sparkdsg``, which takes the package spark_dsg.
-        labelspace: names for ids where the file has none.
+        labelspace: what is said of labels besides; a labelspace is a map's or model's, which the file's names overrule.
 
     Raises:
         FileFormatError: it can't be read, is truncated, or is not such a file; one line that names the path.
@@ -103,7 +105,7 @@ def read_hydra(path: str | Path, labelspace: Labelspace | None = None) -> HydraF
     return _convert(read_document(path), path.name, labelspace)
 
 
-def from_spark_dsg(graph: Any, labelspace: Labelspace | None = None, name: str = "spark_dsg") -> HydraFile:
+def from_spark_dsg(graph: Any, labelspace: Labelspace | Reading | None = None, name: str = "spark_dsg") -> HydraFile:
     """The same from a ``spark_dsg.DynamicSceneGraph`` in memory.
 
     Args:
@@ -121,7 +123,7 @@ def from_spark_dsg(graph: Any, labelspace: Labelspace | None = None, name: str =
         return _convert(read_document(path), name, labelspace)
 
 
-def _read_binary(path: Path, labelspace: Labelspace | None) -> HydraFile:
+def _read_binary(path: Path, labelspace: Labelspace | Reading | None) -> HydraFile:
     try:
         import spark_dsg
     except ImportError as error:
@@ -135,7 +137,9 @@ def _read_binary(path: Path, labelspace: Labelspace | None) -> HydraFile:
     return from_spark_dsg(graph, labelspace, path.stem)
 
 
-def _convert(document: Document, name: str, labelspace: Labelspace | None) -> HydraFile:
+def _convert(document: Document, name: str, labelspace: Labelspace | Reading | None) -> HydraFile:
+    reading = labelspace if isinstance(labelspace, Reading) else Reading(known=labelspace)
+    classes = reading.labels(document.label_names())
     dropped: Counter[str] = Counter()
     nodes = _usable_nodes(document, dropped)
     types = {node.attributes.type for node in nodes.values()}
@@ -156,7 +160,7 @@ def _convert(document: Document, name: str, labelspace: Labelspace | None) -> Hy
         seq=0,
         full=True,
         places=[Place(str(i), _position(n)) for i, n in nodes.items() if kind.get(i) == "place"],
-        objects=list(_objects(nodes, kind, document, labelspace)),
+        objects=list(_objects(nodes, kind, classes)),
         edges=links.traversability + links.parents,
         query_place=None,
     )
@@ -167,7 +171,7 @@ def _convert(document: Document, name: str, labelspace: Labelspace | None) -> Hy
     }
     _report(name, dropped, links.reversed)
     graph = SceneGraph.from_update(update)
-    return HydraFile(graph, own, agents, rooms, dict(sorted(dropped.items())), links.reversed)
+    return HydraFile(graph, own, agents, rooms, dict(sorted(dropped.items())), links.reversed, tuple(classes.told()))
 
 
 def _usable_nodes(document: Document, dropped: Counter[str]) -> dict[int, Node]:
@@ -240,20 +244,12 @@ def _labels(nodes: dict[int, Node], kind: dict[int, str], name: str) -> set[int]
     return labels
 
 
-def _objects(
-    nodes: dict[int, Node], kind: dict[int, str], document: Document, labelspace: Labelspace | None
-) -> Iterator[Object]:
-    names = document.label_names() or {}
+def _objects(nodes: dict[int, Node], kind: dict[int, str], classes: Labels) -> Iterator[Object]:
     for i, node in nodes.items():
         if kind.get(i) == "object":
             label = node.attributes.semantic_label
             assert label is not None
-            class_name = placeholder = f"class_{label}"
-            if names.get(label, placeholder) != placeholder:
-                class_name = names[label]
-            elif labelspace is not None:
-                class_name = labelspace.name_of(label) or placeholder
-            yield Object(str(i), class_name, _position(node), _size(node.attributes.bounding_box))
+            yield Object(str(i), classes.number(label), _position(node), _size(node.attributes.bounding_box))
 
 
 def _agents(

@@ -15,6 +15,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 
 from semloc_core.building_patterns import matching_buildings
+from semloc_core.classes import read_graph
 from semloc_core.encoder.query import QueryEncoder
 from semloc_core.errors import MapError
 from semloc_core.map_database.history import ClassChange, History, unpack_history
@@ -175,8 +176,8 @@ class LoadedMap:
         return found
 
     def graph(self, building: str) -> SceneGraph:
-        """The scene graph that a building's places come from: unpacked at each call, as it was at loading."""
-        return unpack_graph(self._stored(building).graph)
+        """The scene graph that a building's places come from: unpacked at each call, its classes by the map's names."""
+        return read_graph(unpack_graph(self._stored(building).graph), self.model.labelspace)
 
     def history(self, building: str) -> History:
         """What traversals have told of a building since it was mapped; empty for a map that no file holds."""

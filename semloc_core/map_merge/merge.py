@@ -18,7 +18,6 @@ from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.labelspace import Labelspace
 from semloc_core.map_database.history import ClassChange, History, ObjectBelief, Traversal
 from semloc_core.map_database.search import similarity_matrix
-from semloc_core.map_database.weights import class_name
 from semloc_core.map_merge.align import Alignment, Scene, align, match_objects
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.persistence import Observation, Verdict, judge
@@ -70,7 +69,7 @@ class Side:
     def of(cls, graph: SceneGraph, labelspace: Labelspace, embeddings: NDArray[np.float32]) -> Side:
         """Freeze a graph; ``embeddings`` are of its places by rising id."""
         arrays = GraphArrays.from_scene_graph(graph, labelspace)
-        names = tuple(class_name(graph.objects[key].class_, labelspace) for key in arrays.object_ids)
+        names = tuple(labelspace.canonical(graph.objects[key].class_) for key in arrays.object_ids)
         return cls(graph, arrays, names, embeddings)
 
     def scene(self, number: Mapping[str, int]) -> Scene:

@@ -30,10 +30,10 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from std_msgs.msg import String
 
+from semloc_core.classes import Reading
 from semloc_core.errors import SemlocError
 from semloc_core.graph_delta import GraphDeltas
 from semloc_core.hydra import AgentPose, HydraFile, from_spark_dsg
-from semloc_core.labelspace import Labelspace, load_labelspace
 from semloc_core.scene_graph import SceneGraph
 from semloc_core.wire import SceneGraphUpdate
 from semloc_ros import conversions, qos
@@ -54,13 +54,13 @@ class DsgStream:
     """Hydra's messages to updates. No ROS here.
 
     Args:
-        labelspace: names for class ids where the graph has none.
+        reading: what is said of class ids besides the graph's own names.
         full_every_s: seconds between full updates, by the messages' stamps.
 
     """
 
-    def __init__(self, labelspace: Labelspace | None, full_every_s: float) -> None:
-        self._labelspace = labelspace
+    def __init__(self, reading: Reading | None, full_every_s: float) -> None:
+        self._reading = reading
         self._full_every_ns = round(full_every_s * 1e9)
         self._deltas = GraphDeltas()
         self._full_ns: int | None = None
@@ -130,7 +130,7 @@ class DsgStream:
         except (RuntimeError, ValueError, IndexError, MemoryError) as error:
             reason = " ".join(str(error).split())
             raise SemlocError(f"expected a scene graph in spark_dsg's binary form (got: {reason})") from error
-        return from_spark_dsg(graph, self._labelspace)
+        return from_spark_dsg(graph, self._reading)
 
 
 def amended(
@@ -171,8 +171,8 @@ class Bridge(Node):
         super().__init__("hydra_bridge", **kwargs)
         declare(self, BridgeConfig, BridgeConfig.__struct_fields__)
         config: BridgeConfig = read(self, BridgeConfig)
-        space = load_labelspace(config.labelspace) if config.labelspace else None
-        self._stream = DsgStream(space, config.full_every_s)
+        reading = Reading.of(config.labelspace or None, None)
+        self._stream = DsgStream(reading, config.full_every_s)
         self._waiting: deque[Any] = deque()
         self._dropped: dict[str, int] = {}
         logging.getLogger("semloc_core.hydra").setLevel(logging.ERROR)  # what is dropped is said below, once

@@ -28,9 +28,9 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from semloc_core.bag import GROUND_TRUTH_TOPIC, SCENE_GRAPH_TOPIC
+from semloc_core.classes import Reading
 from semloc_core.errors import FileFormatError
 from semloc_core.hydra import HydraFile, read_hydra
-from semloc_core.labelspace import load_labelspace
 from semloc_core.simulate import SimulationConfig, Step, simulate_traversal
 from semloc_ros import conversions, qos
 from semloc_ros.parameters import declare, read
@@ -71,8 +71,10 @@ class Player(Node):
     def _read_file(self) -> HydraFile:
         if not self._config.graph:
             raise FileFormatError("expected parameter 'graph' to name a Hydra file (got none)")
-        space = load_labelspace(self._config.labelspace) if self._config.labelspace else None
-        return read_hydra(self._config.graph, space)
+        file = read_hydra(self._config.graph, Reading.of(self._config.labelspace or None, None))
+        for line in file.decided:
+            self.get_logger().info(line)
+        return file
 
     def _walk(self) -> Iterator[Step]:
         """The steps, stamped from now on by the node's clock unless ``start_stamp_ns`` says otherwise."""

@@ -184,7 +184,6 @@ def test_an_empty_graph_is_a_graph(file):
         ),
         ('{"x": ' + "[" * 100_000, "recursion"),
         ('{"nodes": [], "edges": [], "metadata": {"labelspaces": {"_l2p0": [["chair", 1]]}}}', "labelspaces"),
-        ('{"nodes": [], "edges": [], "metadata": {"labelspaces": {"_l2p0": [[1, ""]]}}}', "with a name"),
     ],
 )
 def test_what_is_no_scene_graph_is_refused_in_one_line(file, text, word):
