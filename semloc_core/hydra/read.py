@@ -300,10 +300,8 @@ def _labels(nodes: dict[int, Node], kind: dict[int, str], name: str, dropped: Co
     found = {i: nodes[i].attributes.semantic_label for i in objects}
     labels = {i: label for i, label in found.items() if label is not None and 0 <= label <= LARGEST_ID}
     if objects and not labels:
-        got = found[objects[0]]
-        raise FileFormatError(
-            f"expected a semantic_label of every object in {name} (got {'none' if got is None else got} of {objects[0]})"
-        )
+        got = "none" if found[objects[0]] is None else found[objects[0]]
+        raise FileFormatError(f"expected a semantic_label of every object in {name} (got {got} of {objects[0]})")
     if missing := len(objects) - len(labels):
         dropped["object without a semantic_label"] += missing
         for i in objects:
