@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import chain, islice
 from math import cos, sin
 from pathlib import Path
@@ -47,7 +47,7 @@ _WAITING = 32
 _LOOKED_AT = 100
 """Messages of a topic that are looked at, to see whether it has updates."""
 _DSG_UPDATE = "hydra_msgs/msg/DsgUpdate"
-_TRUTHS = {POINT_STAMPED: decode_point, POSE_STAMPED: decode_pose}
+_TRUTHS: dict[str, Callable[[bytes], Truth]] = {POINT_STAMPED: decode_point, POSE_STAMPED: decode_pose}
 _SUFFIXES = (".mcap", ".db3", ".jsonl", ".ndjson", ".mcap.zstd", ".db3.zstd")
 _SCHEMA = "semloc/scene_graph_update/"
 # As Hydra's ROS 2 packages define it; used where a bag has no definition of its own.
@@ -136,18 +136,16 @@ class RunMessage(NamedTuple):
 
 def is_run(path: Path) -> bool:
     """Whether an input is a run rather than a graph file, by its content; by its name where there is no such file."""
-    if path.is_dir() or (path.name.endswith(_SUFFIXES) and not path.is_file()):
+    if path.is_dir() or path.name.endswith(_SUFFIXES):
         return True
-    if not path.is_file():
-        return False
-    return kind_of(path) is not None or path.suffix in (".jsonl", ".ndjson") or _is_update(_first_line(path))
+    return path.is_file() and (kind_of(path) is not None or _is_update(_first_line(path)))
 
 
 def _first_line(path: Path) -> bytes:
     with path.open("rb") as file:
         for line in iter(lambda: file.readline(wire.MAX_BYTES), b""):
             if line.strip():
-                return line
+                return line.removeprefix(b"\xef\xbb\xbf")
     return b""
 
 
@@ -204,6 +202,8 @@ class Run:
         self._types: dict[str, str] = {}
         if not self.path.exists():
             raise BagError(f"expected a run (got {self.path}, which does not exist)")
+        if not is_run(self.path):
+            raise BagError(f"expected a bag, or JSON text with an update a line (got {self.path}, which is neither)")
         if self.path.is_dir() or self._is_bag():
             self._types = _topics_of(self.path)
             self.topic = topic or self._pick(robot)
@@ -238,7 +238,7 @@ class Run:
         hydra = _Hydra(self, reader, self._labelspace, self._robot) if self._types[self.topic] == _DSG_UPDATE else None
         for message in reader:
             if message.topic == self._truth:
-                yield RunMessage(message.stamp_ns, None, _TRUTHS[message.type](message.data), message)
+                yield RunMessage(message.stamp_ns, None, decode_truth(message), message)
             elif hydra is None:
                 yield RunMessage(message.stamp_ns, decode_string(message.data))
             elif (text := hydra.text(message)) is not None:
@@ -424,6 +424,18 @@ class _Hydra:
             # rosbags' own errors, and whatever a broken definition or payload leads to.
             reason = " ".join(str(error).split())[:120] or type(error).__name__
             raise BagError(f"expected a {_DSG_UPDATE} (got: {reason})") from error
+
+
+def decode_truth(message: BagMessage) -> Truth:
+    """The true pose, or position, that a bag's message holds.
+
+    Raises:
+        BagError: it is of another type, or broken.
+
+    """
+    if message.type not in _TRUTHS:
+        raise BagError(f"expected {POSE_STAMPED} or {POINT_STAMPED} on {message.topic} (got {message.type})")
+    return _TRUTHS[message.type](message.data)
 
 
 def read_run(
