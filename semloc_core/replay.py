@@ -1,6 +1,7 @@
 """Replay: the node's work on a recorded run, without ROS. Same input, same bytes out.
 
-What a run is says `semloc_core.run`; a ground-truth topic, where it has one, is used for scoring only. Results are written with the stamps of the input.
+What a run is says `semloc_core.run`; a ground-truth topic, where it has one, is used for scoring only.
+Results are written with the stamps of the input.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class ReplaySummary:
         unscored: answers whose ground truth could not be assigned to a building of the map.
         truth_frames: frames that the ground truth was in.
         said: what was chosen in the run, in lines.
-        truths, matched, truth_apart_ns: true poses read, answers that got one, and the largest interval between the two.
+        truths, matched, truth_apart_ns: true poses read, answers that got one, and how far apart at most.
 
     """
 

@@ -172,6 +172,7 @@ class Run:
         robot: of several robots' topics, the one of this robot; None: the first's.
         truth_topic: where the true poses are; None: ``/ground_truth``, or ``ground_truth`` beside the updates.
         labelspace: names of Hydra's class numbers, where its graphs have none.
+        truth_only: it needs no updates.
 
     Attributes:
         topic: the updates'; None in JSON text.
@@ -191,6 +192,7 @@ class Run:
         robot: str | None = None,
         truth_topic: str | None = None,
         labelspace: Labelspace | None = None,
+        truth_only: bool = False,
     ) -> None:
         self.path = Path(path)
         self.said: list[str] = []
@@ -206,6 +208,9 @@ class Run:
             raise BagError(f"expected a bag, or JSON text with an update a line (got {self.path}, which is neither)")
         if self.path.is_dir() or self._is_bag():
             self._types = _topics_of(self.path)
+            if truth_only and topic is None and GROUND_TRUTH_TOPIC in self._types and robot is None:
+                topic = SCENE_GRAPH_TOPIC  # whether it is there or not
+                self._types.setdefault(topic, STRING)
             self.topic = topic or self._pick(robot)
             self._check(self.topic)
             self._truth = truth_topic or self._beside(self.topic)
@@ -334,7 +339,7 @@ def _topics_of(path: Path) -> dict[str, str]:
                 for c in summary.channels.values()
                 if counts.get(c.id)
             }
-    reader = BagReader(path, ())
+    reader = BagReader(path, (), quiet=True)
     for _ in reader:
         pass
     return reader.types
@@ -345,7 +350,7 @@ def _with_updates(path: Path, topics: list[str]) -> list[str]:
     found: list[str] = []
     looked: Counter[str] = Counter()
     if topics:
-        for message in BagReader(path, dict.fromkeys(topics, STRING)):
+        for message in BagReader(path, dict.fromkeys(topics, STRING), quiet=True):
             if message.topic not in found and looked[message.topic] < _LOOKED_AT:
                 looked[message.topic] += 1
                 if _is_update(decode_string(message.data)):
@@ -396,9 +401,9 @@ class _Hydra:
         return wire.encode(update).decode()
 
     def finish(self) -> None:
-        """Say what the last message's graph was like, and whose poses were followed."""
+        """Say what was repaired in the last message's graph, and whose poses were followed."""
         for line in self._stream.said:
-            _LOG.warning("%s: in its last graph %s", self._run.path, line)
+            _LOG.warning("%s: %s", self._run.path, line)
         robots = sorted(self._stream.robots)
         if len(robots) > 1:
             _LOG.warning(

@@ -39,6 +39,7 @@ class BagReader:
         path: an mcap or db3 file, also one compressed with zstd or lz4, or a rosbag2 folder; told by content.
         topics: the topics that are wanted (None: all); a mapping also says which type each must have.
         max_record_bytes: a chunk or message above this is refused.
+        quiet: log nothing.
 
     Attributes:
         types: topic -> type of all topics met so far, wanted or not.
@@ -57,7 +58,9 @@ class BagReader:
         topics: Mapping[str, str] | Iterable[str] | None = None,
         *,
         max_record_bytes: int = MAX_RECORD_BYTES,
+        quiet: bool = False,
     ) -> None:
+        self._quiet = quiet
         self.path = Path(path)
         self.types: dict[str, str] = {}
         self.definitions: dict[str, str] = {}
@@ -70,7 +73,7 @@ class BagReader:
             raise BagError(f"expected a bag (got {self.path}, which does not exist)")
         self._files: list[Path] | None = [self.path]
         if self.path.is_dir():
-            self._files = _files_of(self.path)
+            self._files = _files_of(self.path, quiet)
 
     def __iter__(self) -> Iterator[BagMessage]:
         """Messages of the wanted topics; the bag is read from its start each time.
@@ -101,7 +104,7 @@ class BagReader:
                     yield from self._from_mcap(whole, file)
 
     def _cut_off(self, file: Path) -> None:
-        if not self.truncated:
+        if not self.truncated and not self._quiet:
             _LOG.warning("%s is cut off: read up to its last whole chunk", file)
         self.truncated = True
 
@@ -162,7 +165,7 @@ def read_messages(path: str | Path, topics: Mapping[str, str] | Iterable[str] | 
     return iter(BagReader(path, topics))
 
 
-def _files_of(folder: Path) -> list[Path] | None:
+def _files_of(folder: Path, quiet: bool) -> list[Path] | None:
     """The files of a rosbag2 folder in order; None where rosbags has to read it (sqlite3, compressed messages)."""
     file = folder / "metadata.yaml"
     if not file.is_file():
@@ -171,7 +174,8 @@ def _files_of(folder: Path) -> list[Path] | None:
         if not found:
             raise BagError(f"expected metadata.yaml in {folder} (got none, and no mcap or db3 file)")
         names = ", ".join(path.name for path in found)
-        _LOG.warning("%s has no metadata.yaml: its files are read in the order of their names: %s", folder, names)
+        if not quiet:
+            _LOG.warning("%s has no metadata.yaml: its files are read in the order of their names: %s", folder, names)
         return found
     information = _information(file)
     storage = information.get("storage_identifier")

@@ -59,9 +59,8 @@ def simulate(
     )
     agents = file.agents_of(robot) if poses and (file.agents or robot) else None
     if agents and len(file.robots) > 1:
-        note(
-            f"{graph}: poses of {len(file.robots)} robots, {', '.join(file.robots)}: those of {agents[0].robot} followed"
-        )
+        names = ", ".join(file.robots)
+        note(f"{graph}: poses of {len(file.robots)} robots, {names}: those of {agents[0].robot} are followed")
     steps = simulate_traversal(file.graph, config, np.random.default_rng(seed), agents=agents)
     count = write_run(output, steps)
     way = f"along {len(agents)} recorded poses" if agents else f"along {distance:g} m of random goals"

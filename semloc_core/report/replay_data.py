@@ -159,7 +159,7 @@ def read_results(
     reader = BagReader(results, [matches, attributions, *own])
     messages: Iterator[BagMessage] = iter(reader)
     if run is not None:
-        recorded = Run(run, topic=topic, robot=robot)
+        recorded = Run(run, topic=topic, robot=robot, truth_only=True)
         truths = (m.raw._replace(topic=GROUND_TRUTH_TOPIC) for m in recorded if m.raw is not None)
         messages = heapq.merge(messages, truths, key=attrgetter("stamp_ns"))
     for message in messages:
