@@ -81,7 +81,7 @@ def test_several_robots_are_a_run_each_the_first_by_default(tmp_path):
     path = write(tmp_path / "run.mcap", ("/b/scene_graph", "/a/scene_graph"), truth="")
     assert (Run(path).topic, Run(path, robot="b").topic) == ("/a/scene_graph", "/b/scene_graph")
     assert Run(path).said == ["2 robots: a, b; this is a's run (/a/scene_graph)"]
-    with pytest.raises(BagError, match="one of the robots a, b .*'c'"):
+    with pytest.raises(BagError, match="one of the robots a, b in"):
         Run(path, robot="c")
     other = write(tmp_path / "other.mcap", ("/graph", "/graph_old"), truth="")
     with pytest.raises(BagError, match="--topic chooses one"):

@@ -116,7 +116,12 @@ class McapStream:
                 # The file was allotted further than it was written when the power went, from within this record on.
                 raise _CutOffError
             crc = zlib.crc32(body, crc)
-            yield from self._take(opcode, memoryview(body))
+            try:
+                yield from self._take(opcode, memoryview(body))
+            except BagError as error:
+                if _rest_is_zero(stream, size):
+                    raise _CutOffError from error
+                raise
 
     def _check_end(self, stream: IO[bytes], length: int, crc: int) -> None:
         """Compare the data section's CRC (0: none was made) and see that the file is whole behind it."""

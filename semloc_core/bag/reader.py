@@ -173,9 +173,9 @@ def _files_of(folder: Path, quiet: bool) -> list[Path] | None:
         found = sorted((p for p in folder.iterdir() if p.is_file() and kind_of(p)), key=_natural)
         if not found:
             raise BagError(f"expected metadata.yaml in {folder} (got none, and no mcap or db3 file)")
-        names = ", ".join(path.name for path in found)
+        listed = ", ".join(path.name for path in found)
         if not quiet:
-            _LOG.warning("%s has no metadata.yaml: its files are read in the order of their names: %s", folder, names)
+            _LOG.warning("%s has no metadata.yaml: its files are read in the order of their names: %s", folder, listed)
         return found
     information = _information(file)
     storage = information.get("storage_identifier")
