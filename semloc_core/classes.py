@@ -45,6 +45,7 @@ class Reading:
         said: the labelspace that a person names.
         synonyms: what a person joins: a name, or ``class_7`` for number 7 -> a class.
         known: the labelspace of the map or model.
+        topic, robot: which updates of a run are meant; None: what `semloc_core.run.Run` finds by itself.
         shipped: ``said`` is one that semloc ships: it was not written for the file at hand. Its numbers overrule the
             file's names only where its numbering is the file's, as far as names that both have tell.
 
@@ -57,10 +58,19 @@ class Reading:
     synonyms: Mapping[str, str] = field(default_factory=dict)
     known: Labelspace | None = None
     shipped: bool = False
+    topic: str | None = None
+    robot: str | None = None
 
     @classmethod
-    def of(cls, labelspace: str | None, synonyms: str | Path | None, known: Labelspace | None = None) -> Reading:
-        """What a person says by ``--labelspace`` and ``--synonyms``.
+    def of(
+        cls,
+        labelspace: str | None,
+        synonyms: str | Path | None,
+        known: Labelspace | None = None,
+        topic: str | None = None,
+        robot: str | None = None,
+    ) -> Reading:
+        """What a person says by ``--labelspace``, ``--synonyms``, ``--topic`` and ``--robot``.
 
         Raises:
             LabelspaceError: no such labelspace, a file that is not right, or a synonym of a class that is not known.
@@ -68,7 +78,7 @@ class Reading:
         """
         said = load_labelspace(labelspace) if labelspace is not None else None
         joined = load_synonyms(synonyms) if synonyms is not None else {}
-        found = cls(said, joined, shipped=labelspace in shipped_labelspaces())
+        found = cls(said, joined, shipped=labelspace in shipped_labelspaces(), topic=topic, robot=robot)
         return found if known is None else found.with_known(known)
 
     def with_known(self, known: Labelspace) -> Reading:
@@ -123,16 +133,16 @@ class Labels:
     """Reads the labels of one file, run or stream, and keeps what it had to decide; see `Reading`."""
 
     def __init__(self, reading: Reading, names: Mapping[int, str]) -> None:
-        self._reading, self._names = reading, names
+        self.reading, self._names = reading, names
         said = reading.said
         self._overrules = said is not None and not (reading.shipped and _of_another_numbering(said, names))
         self._guessed: dict[int, str] = {}
         self._overruled: dict[str, str] = {}
         self._kept = False
 
-    def number(self, number: int) -> str:
-        """The class of an integer label."""
-        own = self._names.get(number, "")
+    def number(self, number: int, own: str | None = None) -> str:
+        """The class of an integer label; ``own`` is the name that the file gives it at one object, else as always."""
+        own = own or self._names.get(number, "")
         if own.strip() and number_of(own) != number:
             return self._read(own, number, named=True)
         return self._read(placeholder(number), number, named=False)
@@ -140,13 +150,13 @@ class Labels:
     def name(self, label: str) -> str:
         """The class of a label that is a name, or a number in place of one."""
         number = number_of(label)
-        known = self._reading.known
+        known = self.reading.known
         if number is not None and known is not None and label in known.classes:
             return self._read(label, number, named=True)
         return self._read(label, number, named=number is None)
 
     def _read(self, label: str, number: int | None, named: bool) -> str:
-        reading, space = self._reading, self._reading.space
+        reading, space = self.reading, self.reading.space
         joined, said = reading._joined, reading.said
         name = joined.get(folded(label))
         if name is None and number is not None:
@@ -186,7 +196,7 @@ class Labels:
 
     def told(self) -> list[str]:
         """A line for each thing that had to be decided; none where the labels themselves said all."""
-        lines, space, said = [], self._reading.space, self._reading.said
+        lines, space, said = [], self.reading.space, self.reading.said
         news = [f"{number} {name}" for number, name in sorted(self._guessed.items()) if number_of(name) is None]
         if news and space is not None:
             lines.append(f"class numbers without names, read as labelspace {space.name} has them: {_few(news)}")

@@ -56,9 +56,29 @@ SynonymsOption = Annotated[
 ]
 
 
+TopicOption = Annotated[
+    str | None,
+    typer.Option(
+        "--topic",
+        metavar="TOPIC",
+        help="Topic of a RUN's updates; default: /scene_graph, or the only one with updates.",
+    ),
+]
+RobotOption = Annotated[
+    str | None,
+    typer.Option("--robot", metavar="NAME", help="Of several robots in one file, this one; default: the first."),
+]
+ToleranceOption = Annotated[
+    float,
+    typer.Option("--truth-tolerance", metavar="S", min=0.0, help="How far the ground truth's stamp may be off, s."),
+]
+
+
 def is_run(path: Path) -> bool:
-    """Whether an input is a bag rather than a graph file."""
-    return path.suffix == ".mcap" or path.is_dir()
+    """Whether an input is a run rather than a graph file."""
+    from semloc_core.run import is_run as of_content
+
+    return of_content(path)
 
 
 def building_name(path: Path) -> str:
@@ -67,25 +87,27 @@ def building_name(path: Path) -> str:
 
 
 def read_graph(path: Path, reading: Reading) -> HydraFile:
-    """Read a GRAPH, and say what had to be decided of its classes."""
-    from semloc_core.hydra import read_hydra
+    """Read a GRAPH, or a RUN to its end, and say what had to be decided of its classes."""
+    from semloc_core.hydra import HydraFile, read_hydra
+    from semloc_core.labelspace import labelspace_from_hydra
 
     if not path.exists():
         raise FileFormatError(f"expected a scene-graph file (got {path}, which does not exist)")
+    if is_run(path):
+        from semloc_core.run import graph_at_end
+
+        labels = reading.labels()
+        graph = labels.graph(graph_at_end(path, reading=reading))
+        tell(path, labels.told())
+        classes = sorted({thing.class_ for thing in graph.objects.values()})
+        return HydraFile(graph, labelspace_from_hydra(path.name, enumerate(classes), ()))
     file = read_hydra(path, reading)
     tell(path, file.decided)
     return file
 
 
 def read_graph_or_run(path: Path, reading: Reading) -> SceneGraph:
-    """Read a GRAPH, or a RUN to its end, and say what had to be decided of its classes."""
-    if is_run(path):
-        from semloc_core.run import graph_at_end
-
-        labels = reading.labels()
-        graph = graph_at_end(path, labels=labels)
-        tell(path, labels.told())
-        return graph
+    """The scene graph of a GRAPH, or that of a RUN at its end, and say what had to be decided of its classes."""
     return read_graph(path, reading).graph
 
 

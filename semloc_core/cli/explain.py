@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from semloc_core.cli.common import LabelspaceOption, SynonymsOption, can_be_written, read_graph_or_run
+from semloc_core.cli.common import (
+    LabelspaceOption,
+    RobotOption,
+    SynonymsOption,
+    TopicOption,
+    can_be_written,
+    read_graph_or_run,
+)
 from semloc_core.cli.foreign_classes import report_unknown_classes
 from semloc_core.cli.map_places import only_a_file
 from semloc_core.config import MATCH_RADIUS_M
@@ -43,6 +50,8 @@ def explain(
     ] = None,
     labelspace: LabelspaceOption = None,
     synonyms: SynonymsOption = None,
+    topic: TopicOption = None,
+    robot: RobotOption = None,
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", callback=can_be_written, help="Write all messages as JSON.")
     ] = None,
@@ -59,7 +68,7 @@ def explain(
     chosen = None if methods is None else [name.strip() for name in methods.split(",")]
     check_asked(chosen or [])
     loaded = load(map_file)
-    graph = read_graph_or_run(source, Reading.of(labelspace, synonyms, loaded.model.labelspace))
+    graph = read_graph_or_run(source, Reading.of(labelspace, synonyms, loaded.model.labelspace, topic, robot))
     unknown = count_unknown(graph, loaded.model.labelspace)
     report_unknown_classes(unknown, str(source), advise=False)
     query, said = _query_place(graph, query, near, within)

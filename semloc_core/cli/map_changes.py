@@ -11,7 +11,9 @@ import typer
 from semloc_core.cli.common import (
     Json,
     LabelspaceOption,
+    RobotOption,
     SynonymsOption,
+    TopicOption,
     building_name,
     console,
     read_graph_or_run,
@@ -93,11 +95,14 @@ def add(
     labelspace: LabelspaceOption = None,
     synonyms: SynonymsOption = None,
     allow_unknown: AllowUnknown = False,
+    topic: TopicOption = None,
+    robot: RobotOption = None,
 ) -> None:
     """Add buildings, embedded by the map's own model; with --place single places of a building that the map has."""
     from semloc_core.classes import Reading
 
-    _change(map_place, inputs, name, place, False, Reading.of(labelspace, synonyms), allow_unknown)
+    reading = Reading.of(labelspace, synonyms, topic=topic, robot=robot)
+    _change(map_place, inputs, name, place, False, reading, allow_unknown)
 
 
 def replace(
@@ -108,11 +113,14 @@ def replace(
     labelspace: LabelspaceOption = None,
     synonyms: SynonymsOption = None,
     allow_unknown: AllowUnknown = False,
+    topic: TopicOption = None,
+    robot: RobotOption = None,
 ) -> None:
     """Replace buildings that the map has by newer graphs or runs of them; with --place single places."""
     from semloc_core.classes import Reading
 
-    _change(map_place, inputs, name, place, True, Reading.of(labelspace, synonyms), allow_unknown)
+    reading = Reading.of(labelspace, synonyms, topic=topic, robot=robot)
+    _change(map_place, inputs, name, place, True, reading, allow_unknown)
 
 
 def _change(
@@ -186,6 +194,8 @@ def merge(
     labelspace: LabelspaceOption = None,
     synonyms: SynonymsOption = None,
     allow_unknown: AllowUnknown = False,
+    topic: TopicOption = None,
+    robot: RobotOption = None,
     json_file: Json = None,
 ) -> None:
     """Merge a later traversal of a building that the map has: what it confirms, moves, misses and adds.
@@ -196,7 +206,7 @@ def merge(
     from semloc_core.classes import Reading
     from semloc_core.map_merge import merge_into, propose
 
-    reading = Reading.of(labelspace, synonyms)
+    reading = Reading.of(labelspace, synonyms, topic=topic, robot=robot)
     if dry_run:
         with to_read(map_place) as (map_, model):
             graph = read_known(traversal, reading.with_known(model.labelspace), allow_unknown)

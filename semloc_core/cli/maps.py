@@ -8,7 +8,14 @@ import typer
 
 from semloc_core.cli import map_changes, map_info, map_server
 from semloc_core.cli.choose_model import choose_model
-from semloc_core.cli.common import LabelspaceOption, SynonymsOption, console, progress
+from semloc_core.cli.common import (
+    LabelspaceOption,
+    RobotOption,
+    SynonymsOption,
+    TopicOption,
+    console,
+    progress,
+)
 from semloc_core.cli.foreign_classes import AllowUnknown
 from semloc_core.cli.map_changes import Inputs, Name, names_of, put, read_known
 from semloc_core.cli.map_places import Index, fresh, refuse_existing
@@ -37,6 +44,8 @@ def build(
     name: Name = None,
     synonyms: SynonymsOption = None,
     allow_unknown: AllowUnknown = False,
+    topic: TopicOption = None,
+    robot: RobotOption = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing map.")] = False,
     index: Index = None,
 ) -> None:
@@ -46,7 +55,7 @@ def build(
     if not force:
         refuse_existing(output)
     names, places = names_of(inputs, name), 0
-    reading = Reading.of(labelspace, synonyms)
+    reading = Reading.of(labelspace, synonyms, topic=topic, robot=robot)
     loaded = choose_model(model, inputs, reading, allow_unknown=allow_unknown)
     reading = reading.with_known(loaded.labelspace)
     with fresh(output, loaded, index) as database, progress("embedding places") as bar:
