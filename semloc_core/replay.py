@@ -39,6 +39,7 @@ _WAITING = 100
 """Answers, or true positions, that wait for their counterpart at most."""
 MATCHES_TOPIC = "/localiser/matches"
 ATTRIBUTIONS_TOPIC = "/localiser/attributions"
+EVIDENCE_TOPIC = "/localiser/evidence"
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +48,7 @@ class Answer:
 
     matches: wire.PlaceMatches
     attributions: wire.ClassAttributions | None
+    evidence: wire.ClassAttributions | None
 
 
 @dataclass(eq=False)
@@ -123,7 +125,7 @@ def replay(
         map_: the map; or a localiser in one that knows nothing yet, with the same options.
         config: the localiser's options.
         topic: where the updates are.
-        results: a bag to write matches, attributions and the ground truth to.
+        results: a bag to write matches, attributions, evidence and the ground truth to.
         on_answer: called with each answer.
 
     Raises:
@@ -157,9 +159,9 @@ def replay(
             truths.answer(answer.matches)
             if writer is not None:
                 writer.write_string(MATCHES_TOPIC, message.stamp_ns, wire.encode(answer.matches).decode())
-                if answer.attributions is not None:
-                    text = wire.encode(answer.attributions).decode()
-                    writer.write_string(ATTRIBUTIONS_TOPIC, message.stamp_ns, text)
+                for name, why in ((ATTRIBUTIONS_TOPIC, answer.attributions), (EVIDENCE_TOPIC, answer.evidence)):
+                    if why is not None:
+                        writer.write_string(name, message.stamp_ns, wire.encode(why).decode())
             if on_answer is not None:
                 on_answer(answer)
     if summary.updates == 0:
@@ -183,7 +185,7 @@ def _localise(localiser: Localiser, message: BagMessage, counts: Counter[str]) -
         return None
     if result.matches is None:
         return None
-    return Answer(result.matches, result.attributions)
+    return Answer(result.matches, result.attributions, result.evidence)
 
 
 def score_results(results: Path, buildings: list[str], topic: str = MATCHES_TOPIC) -> list[dict[str, object]]:
