@@ -57,13 +57,15 @@ class Localisation:
     Attributes:
         outcome: what became of the update.
         located: the answer; None where the update was dropped as a repeat.
-        attributions: why; None where none were due.
+        attributions: what the encoder looked at, or another explainer says; None where none were due.
+        evidence: what the decision rests on; None where nothing was put to the test.
 
     """
 
     outcome: Outcome
     located: Located | None = None
     attributions: ClassAttributions | None = None
+    evidence: ClassAttributions | None = None
 
     @property
     def matches(self) -> PlaceMatches | None:

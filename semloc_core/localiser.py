@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from semloc_core.answer import Localisation, Located, Query, ServerState, matches_of
 from semloc_core.classes import Labels, all_unknown
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
-from semloc_core.explain.answered import EXPLAINER_SEED, explain_answer
+from semloc_core.explain.answered import EXPLAINER_SEED, answer_evidence, explain_answer
 from semloc_core.explain.layout_scores import LAYOUT
 from semloc_core.filter_model import MapModel
 from semloc_core.labelspace import lacks
@@ -127,7 +127,7 @@ class Localiser:
             return Localisation(outcome)
         located = self.locate()
         attributions = self.explain(located) if self.due(located) else None
-        return Localisation(outcome, located, attributions)
+        return Localisation(outcome, located, attributions, self.evidence(located))
 
     def take_over(self, other: Localiser) -> None:
         """Go on with another localiser's stream, under this one's map and options: no update is missed.
@@ -323,6 +323,10 @@ class Localiser:
             return False
         self._explained_ns = now
         return True
+
+    def evidence(self, located: Located) -> ClassAttributions | None:
+        """Say what the decision rests on, exactly; None where nothing was put to the test."""
+        return answer_evidence(located, self.config)
 
     def explain(self, located: Located) -> ClassAttributions:
         """Say which classes and objects carried an answer, and how well that holds when put to the test.

@@ -127,11 +127,12 @@ class ClassAttribution(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 
 
 class ObjectAttribution(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"class_": "class"}):
-    """One object's signed ``score``."""
+    """One object's signed ``score``; of ``layout`` also the ``mapped`` object that explains it, null if none does."""
 
     id: Name
     class_: Name
     score: float
+    mapped: Name | None = None
 
 
 class Fidelity(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -146,7 +147,10 @@ class Fidelity(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class ClassAttributions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Out: how much each semantic class contributed to the top match, by falling share.
 
-    ``unattributed`` is what the method gave to no object (attention that places kept), null where it has no meaning.
+    ``attention`` and its like say what the encoder's similarity rests on; ``layout``, the evidence, what the decision
+    does, in nats and exactly: there ``missed`` are mapped objects that should have been seen (``score`` < 0), and
+    ``walls`` (≤ 0) is what known places cost where the map has no room; null of other methods. ``unattributed`` is what
+    the method gave to no object (attention that places kept), null where it has no meaning.
     """
 
     schema: Literal["semloc/class_attributions/1"]
@@ -162,6 +166,8 @@ class ClassAttributions(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     fidelity: Fidelity | None
     completeness_gap: float | None
     unattributed: float | None = None
+    missed: list[ObjectAttribution] | None = None
+    walls: float | None = None
 
 
 class ExplainRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -189,6 +195,8 @@ class MethodAttributions(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     objects: list[ObjectAttribution]
     fidelity: Fidelity | None
     completeness_gap: float | None
+    missed: list[ObjectAttribution] | None = None
+    walls: float | None = None
 
 
 class ObjectName(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"class_": "class"}):
@@ -218,11 +226,23 @@ class ClassContrast(msgspec.Struct, frozen=True, forbid_unknown_fields=True, ren
     score: float
 
 
+class PlaceEvidence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the test by layout rests on at one place: ``score`` is the sum of the objects', the missed and the walls."""
+
+    map: str
+    place: Name
+    score: float
+    objects: list[ObjectAttribution]
+    missed: list[ObjectAttribution]
+    walls: float
+
+
 class WhyNot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Why the top match is (``map``, ``place``) and not the explained place, which is the ``rank``-th.
 
-    Classes are compared by similarity. Where the explained place is the more similar of the two, layout or a filter
-    put it behind. A place that the answer does not list ranks behind those listed and those more similar.
+    ``evidence`` is the test that decides taken apart at both, the explained place first, then the top match; null
+    where nothing was tested. ``classes`` compares the two by similarity, which only proposes. A place that the answer
+    does not list ranks behind those listed and those more similar.
     """
 
     map: str
@@ -230,6 +250,7 @@ class WhyNot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     similarity: float
     rank: Rank
     classes: list[ClassContrast]
+    evidence: list[PlaceEvidence] | None = None
 
 
 class WithoutClass(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"class_": "class"}):

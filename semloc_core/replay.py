@@ -38,6 +38,7 @@ _WAITING = 100
 """Answers that wait for their true pose at most."""
 MATCHES_TOPIC = "/localiser/matches"
 ATTRIBUTIONS_TOPIC = "/localiser/attributions"
+EVIDENCE_TOPIC = "/localiser/evidence"
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +47,7 @@ class Answer:
 
     matches: wire.PlaceMatches
     attributions: wire.ClassAttributions | None
+    evidence: wire.ClassAttributions | None
 
 
 @dataclass(eq=False)
@@ -104,7 +106,7 @@ def replay(
         config: the localiser's options.
         topic, robot, truth_topic: which of the run's topics, see `semloc_core.run.Run`.
         truth_tolerance_s: how far apart the stamps of an answer and of its ground truth may be.
-        results: a bag to write matches, attributions and the ground truth to.
+        results: a bag to write matches, attributions, evidence and the ground truth to.
         on_answer: called with each answer.
 
     Raises:
@@ -142,9 +144,9 @@ def replay(
             _score(score, matcher.item(answer.matches.stamp_ns, answer.matches))
             if writer is not None:
                 writer.write_string(MATCHES_TOPIC, message.received_ns, wire.encode(answer.matches).decode())
-                if answer.attributions is not None:
-                    text = wire.encode(answer.attributions).decode()
-                    writer.write_string(ATTRIBUTIONS_TOPIC, message.received_ns, text)
+                for name, why in ((ATTRIBUTIONS_TOPIC, answer.attributions), (EVIDENCE_TOPIC, answer.evidence)):
+                    if why is not None:
+                        writer.write_string(name, message.received_ns, wire.encode(why).decode())
             if on_answer is not None:
                 on_answer(answer)
     if summary.updates == 0:
@@ -185,7 +187,7 @@ def _localise(localiser: Localiser, text: str, received_ns: int, counts: Counter
         return None
     if result.matches is None:
         return None
-    return Answer(result.matches, result.attributions)
+    return Answer(result.matches, result.attributions, result.evidence)
 
 
 def score_results(results: Path, buildings: list[str], topic: str = MATCHES_TOPIC) -> list[dict[str, object]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -24,6 +25,7 @@ from semloc_core.config import LocaliserConfig, checked, options
 
 if TYPE_CHECKING:
     from semloc_core.localiser import Localiser
+    from semloc_core.messages import ClassAttributions
     from semloc_core.replay import ReplaySummary
 
 _HELP = {option.name: option.description for option in options(LocaliserConfig)}
@@ -38,7 +40,8 @@ def replay(
         str, typer.Option("--map", metavar="MAP|URL", help="The map file, or milvus+http://host:port/name.")
     ],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="RESULTS", help="Write matches and attributions to a bag.")
+        Path | None,
+        typer.Option("-o", "--output", metavar="RESULTS", help="Write matches, evidence and attributions to a bag."),
     ] = None,
     topic: TopicOption = None,
     robot: RobotOption = None,
@@ -156,13 +159,16 @@ def _tell_scoring(summary: ReplaySummary, localiser: Localiser) -> None:
 
 
 def _line(answer: object, seconds: float) -> str:
+    from semloc_core.explain.layout_scores import LAYOUT
     from semloc_core.replay import Answer
 
     assert isinstance(answer, Answer)
     matches, why = answer.matches, ""
-    if answer.attributions is not None and matches.status != "unknown":
-        named = [c for c in answer.attributions.classes[:4] if c.share >= 0.005]
-        why = "  because " + ", ".join(f"{c.class_} {c.share:.0%}" for c in named)
+    if matches.status != "unknown":
+        if answer.evidence is not None:
+            why = f"  because {_most(answer.evidence)}"
+        if answer.attributions is not None and answer.attributions.method != LAYOUT:
+            why += f"  {answer.attributions.method}: {_most(answer.attributions)}"
     if not matches.matches:
         return f"{seconds:7.1f} s  {matches.status}"
     best = matches.matches[0]
@@ -171,3 +177,8 @@ def _line(answer: object, seconds: float) -> str:
         f"{seconds:7.1f} s  {matches.status:9s}  {best.map} ({x:.1f}, {y:.1f}, {z:.1f}) "
         f"p={best.probability:.2f} s={best.similarity:.3f}{why}"
     )
+
+
+def _most(said: ClassAttributions) -> str:
+    named = [of for of in said.classes[:4] if of.share >= 0.005]
+    return ", ".join(f"{of.class_} {math.copysign(of.share, of.score):.0%}" for of in named)

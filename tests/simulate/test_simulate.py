@@ -12,6 +12,7 @@ import pytest
 
 from semloc_core import wire
 from semloc_core.bag import BagReader, BagWriter, decode_string, read_messages
+from semloc_core.classes import Reading
 from semloc_core.errors import BagError, ConfigError, GraphError
 from semloc_core.geodesic import ball
 from semloc_core.messages import Object, Place, SceneGraphUpdate
@@ -417,14 +418,14 @@ def test_run_without_truth_and_with_malformed_updates(grid, tmp_path, caplog):
     assert all(item.truth is None for item in items)
     assert items[3].stamp_ns == 3
     with caplog.at_level(logging.WARNING, "semloc_core"):
-        graph = graph_at_end(tmp_path / "run.mcap", topic="/robot/scene_graph")
+        graph = graph_at_end(tmp_path / "run.mcap", reading=Reading(topic="/robot/scene_graph"))
     assert "left out" in caplog.text
     assert "missing" in caplog.text
     *_, (_, complete) = replayed(steps)
     assert state(graph) == state(complete)
     assert [item.text for item in read_run(tmp_path / "run.mcap")] == texts  # the only topic with updates
     for read in (lambda: list(read_run(tmp_path / "run.mcap", topic="/other")),
-                 lambda: graph_at_end(tmp_path / "run.mcap", topic="/other")):  # fmt: skip
+                 lambda: graph_at_end(tmp_path / "run.mcap", reading=Reading(topic="/other"))):  # fmt: skip
         with pytest.raises(BagError, match=r"updates on /other .*no such topic; topics: /robot/scene_graph \(std_msgs"):
             read()
 
