@@ -120,6 +120,9 @@ def online(
         bool, typer.Option("--foreign", help="Answers accepted in a building that is left out of the database.")
     ] = False,
     bound: Annotated[bool, typer.Option(help="Count the places that agree with all that was seen.")] = True,
+    peer: Annotated[
+        bool, typer.Option("--peer", help="CLIPPER too, registered against every building: a minute a hundred answers.")
+    ] = False,
     long: Annotated[
         bool, typer.Option("--long", help="Print every row, with intervals, success@5 and @10, as the JSON has them.")
     ] = False,
@@ -155,6 +158,7 @@ def online(
             kidnapped=kidnapped,
             foreign=foreign,
             bound=bound,
+            peer=peer,
             seed=seed,
             progress=bar,
         )

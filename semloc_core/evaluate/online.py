@@ -25,6 +25,7 @@ from semloc_core.evaluate.online_answers import (
     steps_at,
     verdict,
 )
+from semloc_core.evaluate.online_clipper import judge_clipper
 from semloc_core.evaluate.online_hard import judge_foreign, judge_kidnapped
 from semloc_core.evaluate.online_layout import groups_of, judge_online_layout, success_rows
 from semloc_core.evaluate.relocalise import Arena, fitted, make_arena, read_buildings
@@ -53,6 +54,7 @@ def evaluate_online(
     kidnapped: bool = False,
     foreign: bool = False,
     bound: bool = True,
+    peer: bool = False,
     radius_m: float = MATCH_RADIUS_M,
     seed: int = 0,
     progress: Progress = no_progress,
@@ -73,6 +75,7 @@ def evaluate_online(
         kidnapped: judge also how soon a robot is right again that was carried away (`judge_kidnapped`).
         foreign: judge also how many answers are accepted in a building that no map has (`judge_foreign`).
         bound: judge `semloc_core.evaluate.agreement` too.
+        peer: judge CLIPPER too (`semloc_core.evaluate.online_clipper`).
         radius_m: how near is right.
         seed: of walks and bootstrap.
         progress: told of every method and building.
@@ -128,8 +131,10 @@ def evaluate_online(
         agreement = Agreement(arena.maps, len(arena.labelspace))
         mapped = replace(arena, queries=arena.maps)
         for name, seen in (("agreeing places", arena), ("agreeing places, perfect detector", mapped)):
-            paths = make_walks(seen, config, walks, seed)
-            rows += judge_agreement(name, agreement, arena, paths, scopes_m, config.range_m, radius_m, seed)
+            through = make_walks(seen, config, walks, seed)
+            rows += judge_agreement(name, agreement, arena, through, scopes_m, config.range_m, radius_m, seed)
+    if peer:
+        rows += judge_clipper(arena, paths, scopes_m, radius_m, seed, progress=progress)
     progress(total, total, "done")
     return rows
 

@@ -46,6 +46,11 @@ def online_pivots(rows: Sequence[Row]) -> list[Pivot]:
     wrong = Pivot("wrong accepted: wrong answers in a building that is searched, 90 % of the right ones kept")
     agreeing = Pivot("places that agree with all seen so far, median")
     kidnapped = Pivot("carried away: metres until right again")
+    errors = {
+        name: Pivot(f"{title} of right answers, {of}")
+        for key, title in (("position_error_m", "position error (m)"), ("heading_error_deg", "heading error (°)"))
+        for name, of in ((key, "median"), (f"{key}_p90", "90 % within"))
+    }
     for row in rows:
         method, scope = str(row["method"]), str(row["scope"])
         method += ", filter" if row.get("filter") == "bayes" else ""
@@ -63,7 +68,9 @@ def online_pivots(rows: Sequence[Row]) -> list[Pivot]:
         foreign.put(method, metres, row.get("foreign_accepted"))
         wrong.put(method, metres, row.get("wrong_accepted"))
         agreeing.put(method, metres, row.get("agreeing"))
-    found = (any_home, known, error, foreign, wrong, agreeing, kidnapped)
+        for name, pivot in errors.items():
+            pivot.put(method, metres, row.get(name))
+    found = (any_home, known, *errors.values(), error, foreign, wrong, agreeing, kidnapped)
     for pivot in found[:-1]:  # a scope may have no figure of the first method
         pivot.columns.sort(key=lambda column: float(column.removesuffix(" m")))
     return [pivot for pivot in found if pivot.lines]
