@@ -20,7 +20,7 @@ from semloc_core.encoder import build_encoder
 from semloc_core.errors import FileFormatError
 from semloc_core.evaluate import metrics
 from semloc_core.evaluate.calibration import accepted_share, expected_calibration_error
-from semloc_core.evaluate.reranked import layout_verifier, reranked, turned
+from semloc_core.evaluate.reranked import any_frame, layout_verifier, reranked, written_in
 from semloc_core.evaluate.rows import Progress, Row, no_progress
 from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.hydra import HydraFile, read_hydra
@@ -200,7 +200,7 @@ def judge_layout(method: str, model: Model, arena: Arena, radius_m: float, seed:
     verifier = layout_verifier(arena.maps, len(arena.labelspace))
     right, sure, abroad = [], [], []
     for index, query in enumerate(arena.queries):
-        frame = turned(query, np.random.default_rng([seed, index]))
+        frame = written_in(any_frame(np.random.default_rng([seed, index])), query)
         fragments = [fragment_of_arrays(frame, place, verifier.config) for place in range(query.n_places)]
         similarity = metrics.similarity_matrix(embed_graph(model, query), database)
         said, said_abroad = np.zeros(len(fragments)), np.zeros(len(fragments))

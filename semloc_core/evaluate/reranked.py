@@ -13,6 +13,7 @@ from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.layout import Fragment, LayoutVerifier, Verified, fragment_of_arrays
 from semloc_core.layout.confidence import SHARPNESS, confidence
 from semloc_core.sequence import MapModel
+from semloc_core.simulate.drift import Frame
 
 Similarities = NDArray[np.float32]
 
@@ -22,24 +23,29 @@ def layout_verifier(maps: tuple[GraphArrays, ...], n_classes: int) -> LayoutVeri
     return LayoutVerifier(maps, [np.arange(graph.n_places) for graph in maps], n_classes)
 
 
-def turned(graph: GraphArrays, rng: np.random.Generator) -> GraphArrays:
-    """The same building in a frame of its own: turned about gravity and shifted, as another run's would be."""
-    angle = rng.uniform(0.0, 2 * np.pi)
-    c, s = np.cos(angle), np.sin(angle)
-    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    shift = np.array([*rng.uniform(-50.0, 50.0, 2), rng.uniform(-3.0, 3.0)])
+def any_frame(rng: np.random.Generator) -> Frame:
+    """A frame of its own, as another run's would be: turned about gravity and shifted."""
+    angle = float(rng.uniform(0.0, 2 * np.pi))
+    x, y = rng.uniform(-50.0, 50.0, 2).tolist()
+    return Frame(angle, (x, y, float(rng.uniform(-3.0, 3.0))))
+
+
+def written_in(frame: Frame, graph: GraphArrays) -> GraphArrays:
+    """The same building in another frame."""
     return replace(
         graph,
-        place_positions=graph.place_positions @ turn + shift,
-        object_positions=graph.object_positions @ turn + shift,
+        place_positions=frame.of(graph.place_positions),
+        object_positions=frame.of(graph.object_positions),
     )
 
 
 def fragments_along(walk: Walk, steps: Ints, verifier: LayoutVerifier, rng: np.random.Generator) -> list[Fragment]:
     """What is around the robot at some steps of a walk, in a frame of the walk's own."""
-    moved = replace(walk, graph=turned(walk.graph, rng))
-    parts = (moved.part(int(step)) for step in steps)
-    return [fragment_of_arrays(part, place, verifier.config) for part, place in parts]
+    frame, found = any_frame(rng), []
+    for step in steps.tolist():
+        part, place = walk.part(step)
+        found.append(fragment_of_arrays(written_in(frame, part), place, verifier.config, walk.ages(step)))
+    return found
 
 
 def reranked(
