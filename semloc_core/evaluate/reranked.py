@@ -39,6 +39,11 @@ def written_in(frame: Frame, graph: GraphArrays) -> GraphArrays:
     )
 
 
+def turned(graph: GraphArrays, rng: np.random.Generator) -> GraphArrays:
+    """The same building in a frame of its own (`any_frame`)."""
+    return written_in(any_frame(rng), graph)
+
+
 def fragments_along(walk: Walk, steps: Ints, verifier: LayoutVerifier, rng: np.random.Generator) -> list[Fragment]:
     """What is around the robot at some steps of a walk, in a frame of the walk's own."""
     frame, found = any_frame(rng), []

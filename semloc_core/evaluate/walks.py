@@ -43,7 +43,9 @@ class WalkConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     ] = 0.0
     drift: Annotated[
         float,
-        Meta(ge=0.0, le=100.0, description="drift of the run's frame; 1: 0.5° and 0.03 m per axis, a root metre walked"),
+        Meta(
+            ge=0.0, le=100.0, description="drift of the frame; 1: 0.5° and 0.03 m per axis, a root metre walked"
+        ),
     ] = 0.0
 
 

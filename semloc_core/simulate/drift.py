@@ -1,4 +1,4 @@
-"""The frame of a run drifts: odometry errs, and a mapper without loop closures writes what it sees in the frame as is."""
+"""The frame of a run drifts: odometry errs, and without loop closures what is seen is written in the frame as is."""
 
 from __future__ import annotations
 
