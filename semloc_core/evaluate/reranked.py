@@ -12,6 +12,8 @@ from semloc_core.evaluate.walks import Bools, Walk
 from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.layout import Fragment, LayoutVerifier, Verified, fragment_of_arrays
 from semloc_core.layout.confidence import SHARPNESS, confidence
+from semloc_core.layout.placed import Placed, placed
+from semloc_core.pose_error import PoseErrors
 from semloc_core.sequence import MapModel
 from semloc_core.simulate.drift import Frame
 
@@ -59,6 +61,7 @@ def reranked(
     similarity: Similarities,
     only: Bools | None = None,
     chances: Floats | None = None,
+    places: list[Placed | None] | None = None,
 ) -> Ints:
     """(Q, N) answers, the verified ones first, then the most similar; N is what `metrics.RANKS` asks for.
 
@@ -68,6 +71,7 @@ def reranked(
         similarity: (Q, M) float32.
         only: (M,) the places that the robot can be at; None for all.
         chances: (Q,) where to put the probability of the best answer.
+        places: where to put where the robot's frame lies by the best answer.
 
     """
     if only is not None:
@@ -79,6 +83,7 @@ def reranked(
         found = verifier.verify(fragment, similarity[q], only)
         if chances is not None:
             chances[q] = 0.0
+        placing: Placed | None = None
         if found is not None:
             sure = confidence(found, fragment, verifier.mapped)
             if chances is not None:
@@ -86,7 +91,18 @@ def reranked(
             rest = best[q][~np.isin(best[q], found.rows)]
             together = np.concatenate([found.rows[sure.order], rest])[: answers.shape[1]]
             answers[q, : len(together)] = together
+            if places is not None:
+                best_row = int(together[0])
+                placing = placed(verifier.mapped, fragment, found, together.tolist()).get(best_row)
+        if places is not None:
+            places.append(placing)
     return answers
+
+
+def add_error(errors: PoseErrors, placing: Placed | None, fragment: Fragment, truth: Floats, yaw: float) -> None:
+    """Count the error of a fragment's place, which truly is at (3,) ``truth``, metres, its frame turned by ``yaw``."""
+    if placing is not None:
+        errors.add(placing.of(fragment.origin) - truth, placing.yaw - yaw, placing.covariance)
 
 
 def sureness(verifier: LayoutVerifier, found: Verified, fragment: Fragment) -> float:

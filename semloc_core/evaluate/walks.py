@@ -43,9 +43,7 @@ class WalkConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     ] = 0.0
     drift: Annotated[
         float,
-        Meta(
-            ge=0.0, le=100.0, description="drift of the frame; 1: 0.5° and 0.03 m per axis, a root metre walked"
-        ),
+        Meta(ge=0.0, le=100.0, description="drift of the frame; 1: 0.5° and 0.03 m per axis, a root metre walked"),
     ] = 0.0
 
 
@@ -93,7 +91,7 @@ class Walk:
         metres: (T,) walked so far (true metres).
         seen_places: (T, P) bool, what the online graph has at each step.
         seen_objects: (T, O) bool, the same.
-        written: when that was written.
+        written: when that was written; None: nothing drifts, and all of it is new.
 
     """
 
@@ -103,7 +101,7 @@ class Walk:
     metres: Floats
     seen_places: Bools
     seen_objects: Bools
-    written: Written
+    written: Written | None = None
 
     @property
     def steps(self) -> int:
@@ -123,11 +121,13 @@ class Walk:
             metres=self.metres[steps],
             seen_places=self.seen_places[steps],
             seen_objects=self.seen_objects[steps],
-            written=self.written.at(steps),
+            written=None if self.written is None else self.written.at(steps),
         )
 
     def ages(self, step: int) -> Floats:
         """(o,) metres walked since each object of the online graph at a step was written."""
+        if self.written is None:
+            return np.zeros(int(self.seen_objects[step].sum()))
         written = self.written.objects[step][self.seen_objects[step]]
         ages: Floats = self.metres[step] - self.written.metres[written]
         return ages
@@ -135,17 +135,19 @@ class Walk:
     def frame(self, step: int) -> Frame:
         """Where the run's frame has the building, as the robot perceives it, at a step."""
         # The robot's own place is always in range: it is written as the frame then is.
-        frames = self.written.frames
-        return frames[int(self.written.places[step, self.places[step]])] if frames else Frame()
+        if self.written is None or not self.written.frames:
+            return Frame()
+        return self.written.frames[int(self.written.places[step, self.places[step]])]
 
     def part(self, step: int) -> tuple[GraphArrays, int]:
         """The online graph at a step by itself, and the index of the robot's place in it."""
         graph, places, objects = self.graph, self.seen_places[step], self.seen_objects[step]
-        graph = replace(
-            graph,
-            place_positions=self.written.moved(graph.place_positions, self.written.places[step]),
-            object_positions=self.written.moved(graph.object_positions, self.written.objects[step]),
-        )
+        if self.written is not None:
+            graph = replace(
+                graph,
+                place_positions=self.written.moved(graph.place_positions, self.written.places[step]),
+                object_positions=self.written.moved(graph.object_positions, self.written.objects[step]),
+            )
         index = np.cumsum(places) - 1
         seen = graph.with_objects(objects)
         edges = seen.place_edges[:, places[seen.place_edges].all(axis=0)]
