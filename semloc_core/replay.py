@@ -1,7 +1,7 @@
 """Replay: the node's work on a recorded run, without ROS. Same input, same bytes out.
 
-A run is a bag with scene-graph updates as ``std_msgs/msg/String``; a ground-truth topic, where it has one, is used
-for scoring only. Results are written with the stamps of the input.
+What a run is says `semloc_core.run`; a ground-truth topic, where it has one, is used for scoring only.
+Results are written with the stamps of the input.
 """
 
 from __future__ import annotations
@@ -13,16 +13,13 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeVar
 
 from semloc_core import wire
 from semloc_core.bag import (
     GROUND_TRUTH_TOPIC,
-    POINT_STAMPED,
     STRING,
-    BagMessage,
     BagWriter,
-    decode_point,
+    Truth,
     decode_string,
     read_messages,
 )
@@ -30,13 +27,14 @@ from semloc_core.config import LocaliserConfig
 from semloc_core.errors import BagError, GraphError, MessageError
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
+from semloc_core.run import Run, decode_truth
 from semloc_core.traversal_score import LatencyHistogram, TraversalScore
+from semloc_core.truth import TOLERANCE_S, TruthMatcher
 
 logger = logging.getLogger(__name__)
 
-T = TypeVar("T")
 _WAITING = 100
-"""Answers, or true positions, that wait for their counterpart at most."""
+"""Answers that wait for their true pose at most."""
 MATCHES_TOPIC = "/localiser/matches"
 ATTRIBUTIONS_TOPIC = "/localiser/attributions"
 
@@ -61,6 +59,8 @@ class ReplaySummary:
         listed, calibrated: answers that list places, and those of them whose probabilities are calibrated.
         unscored: answers whose ground truth could not be assigned to a building of the map.
         truth_frames: frames that the ground truth was in.
+        said: what was chosen in the run, in lines.
+        truths, matched, truth_apart_ns: true poses read, answers that got one, and how far apart at most.
 
     """
 
@@ -75,36 +75,10 @@ class ReplaySummary:
     calibrated: int = 0
     unscored: int = 0
     truth_frames: set[str] = field(default_factory=set)
-
-
-class _Truths:
-    """Pairs answers with ground truth by stamp, whichever comes first; keeps only the latest few."""
-
-    def __init__(self, score: TraversalScore) -> None:
-        self._score = score
-        self._answers: dict[int, wire.PlaceMatches] = {}
-        self._truths: dict[int, tuple[wire.Position, str]] = {}
-
-    def answer(self, matches: wire.PlaceMatches) -> None:
-        truth = self._truths.pop(matches.stamp_ns, None)
-        if truth is not None:
-            self._score.add(matches, *truth)
-        else:
-            self._answers[matches.stamp_ns] = matches
-            _trim(self._answers)
-
-    def truth(self, stamp_ns: int, position: wire.Position, frame_id: str) -> None:
-        matches = self._answers.pop(stamp_ns, None)
-        if matches is not None:
-            self._score.add(matches, position, frame_id)
-        else:
-            self._truths[stamp_ns] = (position, frame_id)
-            _trim(self._truths)
-
-
-def _trim(waiting: dict[int, T]) -> None:
-    if len(waiting) > _WAITING:
-        del waiting[next(iter(waiting))]
+    said: list[str] = field(default_factory=list)
+    truths: int = 0
+    matched: int = 0
+    truth_apart_ns: int = 0
 
 
 def replay(
@@ -112,58 +86,67 @@ def replay(
     map_: LoadedMap | Localiser,
     config: LocaliserConfig,
     *,
-    topic: str = "/scene_graph",
+    topic: str | None = None,
+    robot: str | None = None,
+    truth_topic: str | None = None,
+    truth_tolerance_s: float = TOLERANCE_S,
     results: Path | None = None,
     on_answer: Callable[[Answer], None] | None = None,
 ) -> ReplaySummary:
     """Localise along a recorded run.
 
     Args:
-        run: the bag (a rosbag2 folder or a single .mcap).
+        run: the run, see `semloc_core.run.Run`.
         map_: the map; or a localiser in one that knows nothing yet, with the same options.
         config: the localiser's options.
-        topic: where the updates are.
+        topic, robot, truth_topic: which of the run's topics, see `semloc_core.run.Run`.
+        truth_tolerance_s: how far apart the stamps of an answer and of its ground truth may be.
         results: a bag to write matches, attributions and the ground truth to.
         on_answer: called with each answer.
 
     Raises:
-        BagError: the run can't be read, or has no updates on ``topic``.
+        BagError: the run can't be read, or has no updates.
         MapUnavailableError: the map's server has been silent for longer than the localiser waits, if it does.
 
     """
     localiser = map_ if isinstance(map_, Localiser) else Localiser(map_, config)
     left_out = set(localiser.map.all_buildings) - set(localiser.buildings)
     score = TraversalScore(localiser.buildings, sorted(left_out))
-    truths, latency, summary = _Truths(score), LatencyHistogram(), ReplaySummary()
+    recorded = Run(run, topic=topic, robot=robot, truth_topic=truth_topic, labelspace=localiser.map.model.labelspace)
+    matcher: TruthMatcher[wire.PlaceMatches] = TruthMatcher(round(truth_tolerance_s * 1e9), _WAITING)
+    latency, summary = LatencyHistogram(), ReplaySummary(said=recorded.said)
     with contextlib.ExitStack() as stack:
         writer = stack.enter_context(BagWriter(results)) if results is not None else None
-        for message in read_messages(run, topics={topic: STRING, GROUND_TRUTH_TOPIC: POINT_STAMPED}):
-            if message.topic == GROUND_TRUTH_TOPIC:
-                truth = decode_point(message.data)
-                truths.truth(truth.stamp_ns, truth.position, truth.frame_id)
-                summary.truth_frames.add(truth.frame_id)
-                if writer is not None:
-                    writer.write_raw(message)
+        for message in recorded:
+            if message.text is None:
+                assert message.truth is not None
+                _score(score, matcher.truth(message.truth))
+                summary.truth_frames.add(message.truth.frame_id)
+                if writer is not None and message.raw is not None:
+                    writer.write_raw(message.raw._replace(topic=GROUND_TRUTH_TOPIC))
                 continue
             summary.updates += 1
             started = time.perf_counter()
-            answer = _localise(localiser, message, summary.counts)
+            answer = _localise(localiser, message.text, message.received_ns, summary.counts)
             latency.add((time.perf_counter() - started) * 1e3)
             if answer is None:
                 continue
             summary.statuses[answer.matches.status] += 1
             summary.listed += bool(answer.matches.matches)
             summary.calibrated += bool(answer.matches.matches) and answer.matches.calibrated
-            truths.answer(answer.matches)
+            _score(score, matcher.item(answer.matches.stamp_ns, answer.matches))
             if writer is not None:
-                writer.write_string(MATCHES_TOPIC, message.stamp_ns, wire.encode(answer.matches).decode())
+                writer.write_string(MATCHES_TOPIC, message.received_ns, wire.encode(answer.matches).decode())
                 if answer.attributions is not None:
                     text = wire.encode(answer.attributions).decode()
-                    writer.write_string(ATTRIBUTIONS_TOPIC, message.stamp_ns, text)
+                    writer.write_string(ATTRIBUTIONS_TOPIC, message.received_ns, text)
             if on_answer is not None:
                 on_answer(answer)
     if summary.updates == 0:
-        raise BagError(f"expected scene-graph updates on {topic} in {run} (got none)")
+        raise BagError(f"expected scene-graph updates in {run} (got none{_of(recorded.topic)})")
+    _score(score, matcher.rest())
+    summary.truths, summary.matched, summary.truth_apart_ns = matcher.seen, matcher.matched, matcher.largest_ns
+    summary.counts.update(recorded.passed_over)
     summary.counts.update(localiser.stream.counts)
     summary.unknown_classes = localiser.unknown_classes
     summary.rows, summary.unscored = score.rows(localiser.map.model.encoder.name), score.unscored
@@ -171,15 +154,25 @@ def replay(
     return summary
 
 
-def _localise(localiser: Localiser, message: BagMessage, counts: Counter[str]) -> Answer | None:
+def _of(topic: str | None) -> str:
+    return f" on {topic}" if topic else ""
+
+
+def _score(score: TraversalScore, due: Iterator[tuple[wire.PlaceMatches, Truth | None]]) -> None:
+    for matches, truth in due:
+        if truth is not None:
+            score.add(matches, truth.position, truth.frame_id)
+
+
+def _localise(localiser: Localiser, text: str, received_ns: int, counts: Counter[str]) -> Answer | None:
     try:
-        result = localiser.update(decode_string(message.data))
+        result = localiser.update(text)
     except MessageError as error:
         counts["rejected"] += 1
-        logger.warning("update at %d ns refused: %s", message.stamp_ns, error)
+        logger.warning("update at %d ns refused: %s", received_ns, error)
         return None
     except GraphError as error:  # the stream has counted it
-        logger.warning("update at %d ns refused: %s", message.stamp_ns, error)
+        logger.warning("update at %d ns refused: %s", received_ns, error)
         return None
     if result.matches is None:
         return None
@@ -196,13 +189,14 @@ def score_results(results: Path, buildings: list[str], topic: str = MATCHES_TOPI
 
     """
     score = TraversalScore(buildings)
-    truths = _Truths(score)
-    for message in read_messages(results, topics={topic: STRING, GROUND_TRUTH_TOPIC: POINT_STAMPED}):
+    matcher: TruthMatcher[wire.PlaceMatches] = TruthMatcher(waiting=_WAITING)
+    for message in read_messages(results, topics=[topic, GROUND_TRUTH_TOPIC]):
         if message.topic == GROUND_TRUTH_TOPIC:
-            truth = decode_point(message.data)
-            truths.truth(truth.stamp_ns, truth.position, truth.frame_id)
+            _score(score, matcher.truth(decode_truth(message)))
         else:
-            truths.answer(wire.decode(decode_string(message.data), wire.PlaceMatches))
+            answer = wire.decode(decode_string(message.data), wire.PlaceMatches)
+            _score(score, matcher.item(answer.stamp_ns, answer))
+    _score(score, matcher.rest())
     return score.rows("recorded")
 
 

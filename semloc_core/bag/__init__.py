@@ -2,11 +2,16 @@
 
 from semloc_core.bag.cdr import (
     POINT_STAMPED,
+    POSE_STAMPED,
     STRING,
     StampedPoint,
+    StampedPose,
+    Truth,
     decode_point,
+    decode_pose,
     decode_string,
     encode_point,
+    encode_pose,
     encode_string,
 )
 from semloc_core.bag.reader import BagMessage, BagReader, read_messages
@@ -14,7 +19,7 @@ from semloc_core.bag.writer import BagWriter, Compression
 
 SCENE_GRAPH_TOPIC = "/scene_graph"
 GROUND_TRUTH_TOPIC = "/ground_truth"
-"""True positions of a run (geometry_msgs/PointStamped), for evaluation only."""
+"""True poses of a run (geometry_msgs/PoseStamped, or positions: PointStamped), for evaluation only."""
 
 __all__ = [
     "GROUND_TRUTH_TOPIC",
@@ -24,11 +29,16 @@ __all__ = [
     "BagWriter",
     "Compression",
     "POINT_STAMPED",
+    "POSE_STAMPED",
     "STRING",
     "StampedPoint",
+    "StampedPose",
+    "Truth",
     "decode_point",
+    "decode_pose",
     "decode_string",
     "encode_point",
+    "encode_pose",
     "encode_string",
     "read_messages",
 ]

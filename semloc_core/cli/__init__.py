@@ -41,6 +41,21 @@ app = typer.Typer(
 )
 
 
+class _Once(logging.Filter):
+    """A line is said once: some inputs are read twice."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._said: set[str] = set()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether the line is new."""
+        text = record.getMessage()
+        new = text not in self._said
+        self._said.add(text)
+        return new
+
+
 def _version(value: bool) -> None:
     if value:
         typer.echo(f"semloc {__version__}")
@@ -57,6 +72,8 @@ def _options(
     logging.basicConfig(
         level=logging.INFO if verbose else logging.WARNING, format="%(levelname)s: %(message)s", stream=sys.stderr
     )
+    for handler in logging.getLogger().handlers:
+        handler.addFilter(_Once())
 
 
 app.command("train")(train.train)

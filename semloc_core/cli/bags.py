@@ -7,7 +7,16 @@ from typing import Annotated
 
 import typer
 
-from semloc_core.cli.common import LabelspaceOption, Seed, building_name, console, pick_labelspace, read_graph
+from semloc_core.cli.common import (
+    LabelspaceOption,
+    RobotOption,
+    Seed,
+    building_name,
+    console,
+    note,
+    pick_labelspace,
+    read_graph,
+)
 
 app = typer.Typer(no_args_is_help=True, help="Make bags.")
 
@@ -25,11 +34,12 @@ def simulate(
     position_noise: Annotated[float, typer.Option(help="Standard deviation of object positions, m.")] = 0.1,
     rate: Annotated[float, typer.Option(help="Updates per second.")] = 2.0,
     poses: Annotated[bool, typer.Option(help="Follow the file's agent poses, where it has them.")] = True,
+    robot: RobotOption = None,
     seed: Seed = 0,
 ) -> None:
     """Walk a robot through a graph and record what it sees, as updates that reveal the graph bit by bit.
 
-    The true positions go to a topic of their own (/ground_truth), for evaluation only.
+    The true poses go to a topic of their own (/ground_truth), for evaluation only.
     """
     import numpy as np
 
@@ -47,7 +57,10 @@ def simulate(
         rate_hz=rate,
         frame_id=building_name(graph),
     )
-    agents = file.agents if poses and file.agents else None
+    agents = file.agents_of(robot) if poses and (file.agents or robot) else None
+    if agents and len(file.robots) > 1:
+        names = ", ".join(file.robots)
+        note(f"{graph}: poses of {len(file.robots)} robots, {names}: those of {agents[0].robot} are followed")
     steps = simulate_traversal(file.graph, config, np.random.default_rng(seed), agents=agents)
     count = write_run(output, steps)
     way = f"along {len(agents)} recorded poses" if agents else f"along {distance:g} m of random goals"

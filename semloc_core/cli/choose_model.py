@@ -15,7 +15,12 @@ if TYPE_CHECKING:
 
 
 def choose_model(
-    named: str | None, inputs: Sequence[Path], labelspace: Labelspace | None, synonyms: Path | None
+    named: str | None,
+    inputs: Sequence[Path],
+    labelspace: Labelspace | None,
+    synonyms: Path | None,
+    topic: str | None = None,
+    robot: str | None = None,
 ) -> Model:
     """The encoder for these buildings.
 
@@ -24,6 +29,7 @@ def choose_model(
         inputs: graphs or runs.
         labelspace: what class numbers mean in files without names; the model's own where it is None.
         synonyms: a synonym file, which the model is told.
+        topic, robot: which updates of a run, see `semloc_core.run.Run`.
 
     Raises:
         ModelError: no such model, or none named and no general one knows enough of the objects.
@@ -36,7 +42,7 @@ def choose_model(
         model = load_model(named)
     else:
         names = labelspace or Labelspace("none", ())
-        graphs = [read_graph_or_run(path, names) for path in inputs]
+        graphs = [read_graph_or_run(path, names, topic=topic, robot=robot) for path in inputs]
         known_as = load_synonyms(synonyms) if synonyms is not None else {}
         found = (thing.class_ for graph in graphs for thing in graph.objects.values())
         objects = Counter(known_as.get(class_, class_) for class_ in found)

@@ -57,9 +57,29 @@ SynonymsOption = Annotated[
 ]
 
 
+TopicOption = Annotated[
+    str | None,
+    typer.Option(
+        "--topic",
+        metavar="TOPIC",
+        help="Topic of a RUN's updates; default: /scene_graph, or the only one with updates.",
+    ),
+]
+RobotOption = Annotated[
+    str | None,
+    typer.Option("--robot", metavar="NAME", help="Of several robots in one file, this one; default: the first."),
+]
+ToleranceOption = Annotated[
+    float,
+    typer.Option("--truth-tolerance", metavar="S", min=0.0, help="How far the ground truth's stamp may be off, s."),
+]
+
+
 def is_run(path: Path) -> bool:
-    """Whether an input is a bag rather than a graph file."""
-    return path.suffix == ".mcap" or path.is_dir()
+    """Whether an input is a run rather than a graph file."""
+    from semloc_core.run import is_run as of_content
+
+    return of_content(path)
 
 
 def building_name(path: Path) -> str:
@@ -83,27 +103,37 @@ def join_synonyms(model: Model, path: Path | None) -> None:
 
 
 def read_graph(path: Path, labelspace: Labelspace | None) -> HydraFile:
-    """Read a GRAPH."""
-    from semloc_core.hydra import read_hydra
+    """Read a GRAPH; a RUN is read to its end."""
+    from semloc_core.hydra import HydraFile, read_hydra
+    from semloc_core.labelspace import labelspace_from_hydra
 
     if not path.exists():
         raise FileFormatError(f"expected a scene-graph file (got {path}, which does not exist)")
+    if is_run(path):
+        from semloc_core.run import graph_at_end
+
+        graph = graph_at_end(path, labelspace=labelspace)
+        classes = sorted({thing.class_ for thing in graph.objects.values()})
+        return HydraFile(graph, labelspace_from_hydra(path.name, enumerate(classes), ()))
     return read_hydra(path, labelspace)
 
 
-def read_graph_or_run(path: Path, labelspace: Labelspace, *, of_map: bool = False) -> SceneGraph:
+def read_graph_or_run(
+    path: Path, labelspace: Labelspace, *, of_map: bool = False, topic: str | None = None, robot: str | None = None
+) -> SceneGraph:
     """Read a GRAPH, or a RUN to its end.
 
     Args:
         path: the file or folder.
         labelspace: what class numbers mean in files without names.
         of_map: it is a map's or a model's, not one named for this file: numbers that it gives names to are told.
+        topic, robot: which updates of a RUN, see `semloc_core.run.Run`.
 
     """
     if is_run(path):
         from semloc_core.run import graph_at_end
 
-        return graph_at_end(path)
+        return graph_at_end(path, topic=topic, robot=robot, labelspace=labelspace)
     file = read_graph(path, labelspace)
     if of_map:
         tell_numbers(path, file, labelspace)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from semloc_core.cli.common import can_be_written, read_graph_or_run
+from semloc_core.cli.common import RobotOption, TopicOption, can_be_written, read_graph_or_run
 from semloc_core.cli.map_places import only_a_file
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import ConfigError, GraphError
@@ -40,6 +40,8 @@ def explain(
     methods: Annotated[
         str | None, typer.Option("--methods", metavar="NAME,…", help="Explainers, by comma; default: all.")
     ] = None,
+    topic: TopicOption = None,
+    robot: RobotOption = None,
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", callback=can_be_written, help="Write all messages as JSON.")
     ] = None,
@@ -54,7 +56,7 @@ def explain(
     chosen = None if methods is None else [name.strip() for name in methods.split(",")]
     check_asked(chosen or [])
     loaded = load(map_file)
-    graph = read_graph_or_run(source, loaded.model.labelspace, of_map=True)
+    graph = read_graph_or_run(source, loaded.model.labelspace, of_map=True, topic=topic, robot=robot)
     query, said = _query_place(graph, query, near, within)
     localiser = Localiser(loaded)
     result = localiser.update(graph.to_update(seq=0, stamp_ns=0, frame_id="query", query_place=query))

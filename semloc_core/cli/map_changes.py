@@ -10,6 +10,8 @@ import typer
 
 from semloc_core.cli.common import (
     Json,
+    RobotOption,
+    TopicOption,
     building_name,
     console,
     read_graph_or_run,
@@ -50,7 +52,14 @@ def names_of(inputs: list[Path], name: str | None) -> list[str]:
     return names
 
 
-def read_known(path: Path, model: Model, allow_unknown: bool, names: Labelspace | None = None) -> SceneGraph:
+def read_known(
+    path: Path,
+    model: Model,
+    allow_unknown: bool,
+    names: Labelspace | None = None,
+    topic: str | None = None,
+    robot: str | None = None,
+) -> SceneGraph:
     """Read a GRAPH or RUN with places, and say which of its classes the model lacks, or refuse it for these.
 
     Args:
@@ -58,11 +67,12 @@ def read_known(path: Path, model: Model, allow_unknown: bool, names: Labelspace 
         model: of the map.
         allow_unknown: take it even if the model knows few of its objects.
         names: what numbers in a file without class names mean, in place of what the model says.
+        topic, robot: which updates of a RUN, see `semloc_core.run.Run`.
 
     """
     from semloc_core.labelspace import all_numbers
 
-    graph = read_graph_or_run(path, names or model.labelspace, of_map=names is None)
+    graph = read_graph_or_run(path, names or model.labelspace, of_map=names is None, topic=topic, robot=robot)
     numbers = all_numbers(thing.class_ for thing in graph.objects.values())
     helps = "`semloc map build --labelspace` names these" if numbers else "`semloc map build --synonyms` joins names"
     check_classes(graph, model, str(path), allow_unknown=allow_unknown, helps=helps)
@@ -93,9 +103,11 @@ def add(
     name: Name = None,
     place: Places = None,
     allow_unknown: AllowUnknown = False,
+    topic: TopicOption = None,
+    robot: RobotOption = None,
 ) -> None:
     """Add buildings, embedded by the map's own model; with --place single places of a building that the map has."""
-    _change(map_place, inputs, name, place, False, allow_unknown)
+    _change(map_place, inputs, name, place, False, allow_unknown, topic, robot)
 
 
 def replace(
@@ -104,9 +116,11 @@ def replace(
     name: Name = None,
     place: Places = None,
     allow_unknown: AllowUnknown = False,
+    topic: TopicOption = None,
+    robot: RobotOption = None,
 ) -> None:
     """Replace buildings that the map has by newer graphs or runs of them; with --place single places."""
-    _change(map_place, inputs, name, place, True, allow_unknown)
+    _change(map_place, inputs, name, place, True, allow_unknown, topic, robot)
 
 
 def _change(
@@ -116,6 +130,8 @@ def _change(
     places: list[str] | None,
     replace: bool,
     allow_unknown: bool,
+    topic: str | None,
+    robot: str | None,
 ) -> None:
     from semloc_core.map_merge.edit import store_edited, with_places
 
@@ -124,7 +140,7 @@ def _change(
         raise MapError(f"expected one input with --place (got {len(inputs)})")
     with to_change(map_place) as (database, model), database.transaction():
         for path, building in zip(inputs, names_of(inputs, name), strict=True):
-            graph = read_known(path, model, allow_unknown)
+            graph = read_known(path, model, allow_unknown, None, topic, robot)
             if places:
                 edited = with_places(database.graph(building), graph, set(places), replace=replace)
                 store_edited(database, model, building, edited)
@@ -176,6 +192,8 @@ def merge(
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would change, and change nothing.")] = False,
     allow_unknown: AllowUnknown = False,
+    topic: TopicOption = None,
+    robot: RobotOption = None,
     json_file: Json = None,
 ) -> None:
     """Merge a later traversal of a building that the map has: what it confirms, moves, misses and adds.
@@ -187,11 +205,11 @@ def merge(
 
     if dry_run:
         with to_read(map_place) as (map_, model):
-            graph = read_known(traversal, model, allow_unknown)
+            graph = read_known(traversal, model, allow_unknown, None, topic, robot)
             name, merged = propose(map_, model, graph, building, source=traversal.name)
     else:
         with to_change(map_place) as (database, model):
-            graph = read_known(traversal, model, allow_unknown)
+            graph = read_known(traversal, model, allow_unknown, None, topic, robot)
             name, merged = merge_into(database, model, graph, building, source=traversal.name)
     _say(name, merged, "would be " if dry_run else "")
     if json_file is not None:

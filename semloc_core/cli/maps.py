@@ -8,7 +8,15 @@ import typer
 
 from semloc_core.cli import map_changes, map_info, map_server
 from semloc_core.cli.choose_model import choose_model
-from semloc_core.cli.common import LabelspaceOption, SynonymsOption, console, pick_labelspace, progress
+from semloc_core.cli.common import (
+    LabelspaceOption,
+    RobotOption,
+    SynonymsOption,
+    TopicOption,
+    console,
+    pick_labelspace,
+    progress,
+)
 from semloc_core.cli.foreign_classes import AllowUnknown
 from semloc_core.cli.map_changes import Inputs, Name, names_of, put, read_known
 from semloc_core.cli.map_places import Index, fresh, refuse_existing
@@ -37,6 +45,8 @@ def build(
     name: Name = None,
     synonyms: SynonymsOption = None,
     allow_unknown: AllowUnknown = False,
+    topic: TopicOption = None,
+    robot: RobotOption = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing map.")] = False,
     index: Index = None,
 ) -> None:
@@ -45,11 +55,11 @@ def build(
         refuse_existing(output)
     names, places = names_of(inputs, name), 0
     space = pick_labelspace(labelspace)
-    loaded = choose_model(model, inputs, space, synonyms)
+    loaded = choose_model(model, inputs, space, synonyms, topic, robot)
     with fresh(output, loaded, index) as database, progress("embedding places") as bar:
         for i, (path, building) in enumerate(zip(inputs, names, strict=True)):
             bar(i, len(inputs), building)
-            graph = read_known(path, loaded, allow_unknown, space)
+            graph = read_known(path, loaded, allow_unknown, space, topic, robot)
             places += put(database, loaded, graph, building, path.name, replace=False)
     console.print(f"{output}: {many(places, 'place')} in {many(len(inputs), 'building')}")
 

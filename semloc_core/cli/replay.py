@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from semloc_core.cli.common import Json, SynonymsOption, console, join_synonyms, note, write_json
+from semloc_core.cli.common import (
+    Json,
+    RobotOption,
+    SynonymsOption,
+    ToleranceOption,
+    TopicOption,
+    console,
+    join_synonyms,
+    note,
+    write_json,
+)
 from semloc_core.cli.foreign_classes import report_unknown_classes
 from semloc_core.config import LocaliserConfig, checked, options
 
@@ -29,7 +39,13 @@ def replay(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="RESULTS", help="Write matches and attributions to a bag.")
     ] = None,
-    topic: Annotated[str, typer.Option(help="Topic of the scene-graph updates.")] = "/scene_graph",
+    topic: TopicOption = None,
+    robot: RobotOption = None,
+    truth_topic: Annotated[
+        str | None,
+        typer.Option("--truth-topic", metavar="TOPIC", help="Ground truth; default: ground_truth beside the updates."),
+    ] = None,
+    truth_tolerance: ToleranceOption = 0.05,
     top_n: Annotated[int, typer.Option(help=_HELP["top_n"])] = _DEFAULT.top_n,
     explainer: Annotated[str, typer.Option(metavar="NAME", help=_HELP["explainer"])] = _DEFAULT.explainer,
     explain_rate_hz: Annotated[float, typer.Option(help=_HELP["explain_rate_hz"])] = _DEFAULT.explain_rate_hz,
@@ -78,10 +94,27 @@ def replay(
     localiser = open_localiser(map_, config, outage_s=OUTAGE_S)
     join_synonyms(localiser.map.model, synonyms)
     try:
-        summary = run_replay(run, localiser, config, topic=topic, results=output, on_answer=on_answer)
+        summary = run_replay(
+            run,
+            localiser,
+            config,
+            topic=topic,
+            robot=robot,
+            truth_topic=truth_topic,
+            truth_tolerance_s=truth_tolerance,
+            results=output,
+            on_answer=on_answer,
+        )
     finally:
         localiser.close()
     report_unknown_classes(dict(summary.unknown_classes), str(run), labelspace=False)
+    for line in summary.said:
+        note(f"{run}: {line}")
+    if summary.truths and (summary.truth_apart_ns or not summary.matched):
+        note(
+            f"ground truth: {summary.matched} answers have one within {truth_tolerance * 1e3:g} ms of their stamp, "
+            f"{summary.truth_apart_ns / 1e6:g} ms off at most"
+        )
     dropped = {k: v for k, v in sorted(summary.counts.items()) if k != "applied" and v}
     if dropped:
         note("updates not applied: " + ", ".join(f"{count} {name}" for name, count in dropped.items()))
@@ -111,7 +144,8 @@ def _tell_scoring(summary: ReplaySummary, localiser: Localiser) -> None:
         why = "the ground truth names no building of this map" if buildings else "the map has no buildings"
         note(f"{summary.unscored} answers not scored: {why}")
     elif not summary.rows:
-        note("no ground truth in the run: nothing to score")
+        why = f"{summary.truths} poses, none near an answer" if summary.truths else "none in the run"
+        note(f"no ground truth to score with ({why})")
 
 
 def _line(answer: object, seconds: float) -> str:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from semloc_core.cli.common import can_be_written, console
+from semloc_core.cli.common import RobotOption, ToleranceOption, TopicOption, can_be_written, console
 from semloc_core.cli.map_places import only_a_file
 from semloc_core.whole_file import write_whole
 
@@ -46,6 +46,9 @@ def replay(
     study: StudyOption = None,
     run: RunOption = None,
     node: NodeOption = "/localiser",
+    topic: TopicOption = None,
+    robot: RobotOption = None,
+    truth_tolerance: ToleranceOption = 0.05,
 ) -> None:
     """One HTML page of a replay: floor plan with path and matches, statuses, confidence, class shares, confusions."""
     from semloc_core.map_database import load
@@ -56,7 +59,9 @@ def replay(
 
     beside = kept(study) if study is not None else None
     loaded = load(map_file)
-    data = read_results(results, loaded, run=run, node=node)
+    data = read_results(
+        results, loaded, run=run, node=node, topic=topic, robot=robot, truth_tolerance_s=truth_tolerance
+    )
     page = replay_page(data, loaded, results.name)
     text = (joined(page, beside) if beside is not None else page).html()
     write_whole(output, text.encode())
@@ -87,6 +92,9 @@ def picture(
     ],
     run: RunOption = None,
     node: NodeOption = "/localiser",
+    topic: TopicOption = None,
+    robot: RobotOption = None,
+    truth_tolerance: ToleranceOption = 0.05,
 ) -> None:
     """One picture of a replay's clearest answer: floor plan, path, top match, and the classes that carried it."""
     from semloc_core.map_database import load
@@ -94,6 +102,9 @@ def picture(
     from semloc_core.report.replay_data import read_results
 
     loaded = load(map_file)
-    content = answer_picture(read_results(results, loaded, run=run, node=node), loaded)
+    content = answer_picture(
+        read_results(results, loaded, run=run, node=node, topic=topic, robot=robot, truth_tolerance_s=truth_tolerance),
+        loaded,
+    )
     write_whole(output, content)
     console.print(f"{output}: {len(content) / 1e3:.0f} kB")

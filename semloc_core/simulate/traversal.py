@@ -104,12 +104,14 @@ class Step(NamedTuple):
         update: what the robot publishes.
         position: where it truly is, metres, in the building's frame.
         place: the building's place that is nearest (the update's ``query_place``, under the building's id).
+        heading: its true heading there, radians.
 
     """
 
     update: SceneGraphUpdate
     position: Position
     place: str
+    heading: float = 0.0
 
 
 class RecordedPose(Protocol):
@@ -168,7 +170,7 @@ def simulate_traversal(
             delta, full_at = revealed.everything(), seconds + config.full_every_s
         stamp_ns = config.start_stamp_ns + round(seq * _NS_PER_S / config.rate_hz)
         update = _update(revealed, delta, point, config.frame_id, seq, stamp_ns, full, odometer.at(point))
-        yield Step(update, point.position, point.place)
+        yield Step(update, point.position, point.place, point.heading)
 
 
 def _in_range(graph: SceneGraph, point: WalkPoint, range_m: float) -> set[str]:
