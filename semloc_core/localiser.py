@@ -7,7 +7,6 @@ every query and explain only some: `apply` takes an update in, `locate` answers 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -23,6 +22,7 @@ from semloc_core.filter_model import MapModel
 from semloc_core.layout.placed import Placed
 from semloc_core.map_database import LoadedMap
 from semloc_core.name_counter import NameCounter
+from semloc_core.poses import yaw_of
 from semloc_core.posterior import CANDIDATES, IN_MAP, Ranking, modes, place_probabilities
 from semloc_core.radius_index import RadiusIndex
 from semloc_core.reranker import Reranked, Reranker, verifier_of
@@ -284,8 +284,7 @@ class Localiser:
         asked = query.place == graph.query_place
         if odometry is None or odometry.frame_id != self._frame_id or not asked:
             return np.array(graph.places[query.place]), None
-        x, y, z, w = odometry.orientation_xyzw
-        return np.array(odometry.position), math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        return np.array(odometry.position), yaw_of(odometry.orientation_xyzw)
 
     def _track(self, query: Query, everywhere: NDArray[np.float32], tested: Reranked | None = None) -> Ranking | None:
         """What the filter makes of it, if there is one: also of a place with nothing around it."""

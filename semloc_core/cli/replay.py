@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -39,6 +40,12 @@ def replay(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="RESULTS", help="Write matches and attributions to a bag.")
     ] = None,
+    tum: Annotated[
+        Path | None,
+        typer.Option(
+            "--tum", metavar="FILE", help="Write the poses of matches as TUM files, one a building."
+        ),
+    ] = None,
     topic: TopicOption = None,
     robot: RobotOption = None,
     truth_topic: Annotated[
@@ -68,6 +75,7 @@ def replay(
 
     from semloc_core.cli.replay_table import print_summary
     from semloc_core.open_map import open_localiser
+    from semloc_core.poses import TumWriter
     from semloc_core.replay import Answer
     from semloc_core.replay import replay as run_replay
 
@@ -93,18 +101,21 @@ def replay(
 
     localiser = open_localiser(map_, config, outage_s=OUTAGE_S)
     join_synonyms(localiser.map.model, synonyms)
+    writer = TumWriter(tum, localiser.buildings) if tum is not None else None
     try:
-        summary = run_replay(
-            run,
-            localiser,
-            config,
-            topic=topic,
-            robot=robot,
-            truth_topic=truth_topic,
-            truth_tolerance_s=truth_tolerance,
-            results=output,
-            on_answer=on_answer,
-        )
+        with writer or nullcontext():
+            summary = run_replay(
+                run,
+                localiser,
+                config,
+                topic=topic,
+                robot=robot,
+                truth_topic=truth_topic,
+                truth_tolerance_s=truth_tolerance,
+                results=output,
+                tum=writer,
+                on_answer=on_answer,
+            )
     finally:
         localiser.close()
     report_unknown_classes(dict(summary.unknown_classes), str(run), labelspace=False)
@@ -127,6 +138,8 @@ def replay(
         write_json(json_file, "replay", 0, [run, map_], rows)
     if output is not None:
         console.print(f"results: {output}")
+    if writer is not None:
+        console.print("trajectories: " + (", ".join(map(str, writer.files)) or "none, no answer was a match"))
 
 
 def _tell_scoring(summary: ReplaySummary, localiser: Localiser) -> None:
