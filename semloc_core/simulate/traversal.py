@@ -238,8 +238,8 @@ class _Odometer:
             return None
         if self._config.shared_frame:
             here, half = frame.of(np.array(point.position)).tolist(), (point.heading + frame.yaw) / 2
-            turn = (0.0, 0.0, math.sin(half), math.cos(half))
-            return Odometry((here[0], here[1], here[2]), turn, self._config.frame_id)
+            facing = (0.0, 0.0, math.sin(half), math.cos(half))
+            return Odometry((here[0], here[1], here[2]), facing, self._config.frame_id)
         if self._last is None:
             self._last, self._first_heading = point, point.heading
         x, y, z = (q - p for p, q in zip(self._last.position, point.position, strict=True))
