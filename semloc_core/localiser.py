@@ -7,21 +7,24 @@ every query and explain only some: `apply` takes an update in, `locate` answers 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.answer import Localisation, Located, Query, ServerState, matches_of
+from semloc_core.ages import Ages
+from semloc_core.answer import Localisation, Located, Query, ServerState, matches_of, pose_in, transform_of
 from semloc_core.classes import Labels, all_unknown
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
 from semloc_core.explain.answered import EXPLAINER_SEED, answer_evidence, explain_answer
 from semloc_core.explain.layout_scores import LAYOUT
 from semloc_core.filter_model import MapModel
 from semloc_core.labelspace import lacks
+from semloc_core.layout.placed import Placed
 from semloc_core.map_database import LoadedMap
 from semloc_core.name_counter import NameCounter
+from semloc_core.poses import yaw_of
 from semloc_core.posterior import CANDIDATES, IN_MAP, Ranking, modes, place_probabilities
 from semloc_core.radius_index import RadiusIndex
 from semloc_core.reranker import Reranked, Reranker, verifier_of
@@ -39,6 +42,7 @@ from semloc_core.wire import (
     PlaceMatches,
     SceneGraphUpdate,
     Status,
+    Transform,
     decode_update,
 )
 
@@ -72,6 +76,8 @@ class Localiser:
         self._surroundings: Surroundings | None = None
         self._answered: Located | None = None
         self._odometry: Odometry | None = None
+        self._frame_id = ""
+        self._ages = Ages()
         self._serve(self.map)
 
     def _serve(self, loaded: LoadedMap, filter_model: MapModel | None = None) -> None:
@@ -136,6 +142,7 @@ class Localiser:
         """
         self.stream, self._seq, self._stamp_ns = other.stream, other._seq, other._stamp_ns
         self._explained_ns, self._odometry, self.labels = other._explained_ns, other._odometry, other.labels
+        self._frame_id, self._ages = other._frame_id, other._ages
         if self._tracker is not None and other._tracker is not None and other.map.hash == self.map.hash:
             self._tracker = other._tracker
         self._look_again(other._visibility)
@@ -176,8 +183,10 @@ class Localiser:
             return outcome
         self._answered = None
         self._seq, self._stamp_ns = update.seq, update.stamp_ns
-        self._odometry = update.odometry
+        self._odometry, self._frame_id = update.odometry, update.frame_id
         graph = self.stream.graph
+        if graph is not None and change is not None:
+            self._ages.update(graph, change, update.odometry)
         if graph is None:
             self._surroundings = None
         elif self._surroundings is None or self._surroundings.graph is not graph:
@@ -240,13 +249,17 @@ class Localiser:
             ranking = raw if self._reranker is None else raw.doubted()
         best = int(ranking.rows[0])
         accepted = ranking.probability[best] >= self.config.accept_probability
+        rivals = ranking.rivals()[: 0 if accepted else self.config.top_n]
+        places = self._placed(tested, np.concatenate([ranking.rows, rivals]), believed is not None)
+        poses = {row: pose_in(place, *self._stands(query)) for row, place in places.items()}
         message = self._message(
             query,
             "match" if accepted else "ambiguous" if ranking.in_map >= IN_MAP else "unknown",
-            matches=matches_of(self.map, ranking.rows, ranking, everywhere),
-            rivals=[] if accepted else matches_of(self.map, ranking.rivals()[: self.config.top_n], ranking, everywhere),
+            matches=matches_of(self.map, ranking.rows, ranking, everywhere, poses),
+            rivals=matches_of(self.map, rivals, ranking, everywhere, poses),
             raw_matches=matches_of(self.map, raw.rows, raw, everywhere) if ranking is not raw else None,
             calibrated=calibrated,
+            transform=transform_of(places[best]) if best in places else None,
         )
         evidence = self._reranker.evidence(tested, best) if self._reranker is not None and tested is not None else None
         return Located(query, message, self.map, best, evidence)
@@ -265,7 +278,23 @@ class Localiser:
         graph = self.stream.graph
         if self._reranker is None or graph is None or query.place is None:
             return None
-        return self._reranker.rank(graph, query.place, everywhere, raw.rows, self.config.top_n)
+        return self._reranker.rank(graph, query.place, everywhere, raw.rows, self.config.top_n, self._ages)
+
+    def _placed(self, tested: Reranked | None, rows: NDArray[np.int64], filtered: bool) -> Mapping[int, Placed]:
+        """Where the frame of the updates lies in the buildings of rows of the map, as far as these were tested."""
+        if self._reranker is None or tested is None:
+            return {}
+        return self._reranker.placed(tested, rows.tolist(), near=filtered)
+
+    def _stands(self, query: Query) -> tuple[NDArray[np.float64], float | None]:
+        """(3,) where the robot is in the frame of the updates, metres, and its heading there where that is known."""
+        odometry, graph = self._odometry, self.stream.graph
+        assert graph is not None
+        assert query.place is not None
+        asked = query.place == graph.query_place
+        if odometry is None or odometry.frame_id != self._frame_id or not asked:
+            return np.array(graph.places[query.place]), None
+        return np.array(odometry.position), yaw_of(odometry.orientation_xyzw)
 
     def _track(self, query: Query, everywhere: NDArray[np.float32], tested: Reranked | None = None) -> Ranking | None:
         """What the filter makes of it, if there is one: also of a place with nothing around it."""
@@ -349,6 +378,7 @@ class Localiser:
         rivals: list[Match] | None = None,
         raw_matches: list[Match] | None = None,
         calibrated: bool = False,
+        transform: Transform | None = None,
     ) -> PlaceMatches:
         return PlaceMatches(
             schema="semloc/place_matches/1",
@@ -364,4 +394,5 @@ class Localiser:
             model=self._model_info,
             calibrated=calibrated,
             latency_ms=None,
+            transform=transform,
         )

@@ -15,6 +15,7 @@ Metres = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 Length = Annotated[float, msgspec.Meta(ge=0, le=1e9)]
 Position = tuple[Metres, Metres, Metres]
 Size = tuple[Length, Length, Length]
+Angle = Annotated[float, msgspec.Meta(ge=-3.1416, le=3.1416)]
 Fraction = Annotated[float, msgspec.Meta(ge=0, le=1)]
 Count = Annotated[int, msgspec.Meta(ge=0)]
 Rank = Annotated[int, msgspec.Meta(ge=1)]
@@ -41,10 +42,15 @@ class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"c
 
 
 class Odometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The robot's pose in the odometry frame (metres; unit quaternion x, y, z, w)."""
+    """The robot's pose in the odometry frame (metres; unit quaternion x, y, z, w).
+
+    Where ``frame_id`` is the update's, the pose is where the robot is among the places and objects; else it only says
+    how far the robot went.
+    """
 
     position: Position
     orientation_xyzw: tuple[float, float, float, float]
+    frame_id: str | None = None
 
 
 class SceneGraphUpdate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -65,10 +71,30 @@ class SceneGraphUpdate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     odometry: Odometry | None = None
 
 
+class Pose(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The robot's pose in the frame of the building of its match (m, rad).
+
+    ``covariance`` is row-major over x, y, z and yaw (m², rad²). ``yaw`` is null where the robot's heading in the
+    frame of its updates is not known: its variance is then π²/3, and 0 is between it and the rest.
+    """
+
+    position: Position
+    yaw: Angle | None
+    covariance: Annotated[list[float], msgspec.Meta(min_length=16, max_length=16)]
+
+
+class Transform(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """From the frame of the updates into a building's: turned by ``yaw`` about gravity, then moved (rad, m)."""
+
+    translation: Position
+    yaw: Angle
+
+
 class Match(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One place of the map. ``position`` (m) is in the frame of its building ``map``; ``rank`` counts from 1.
 
-    ``probability`` is P(this place lies within 4 m of the truth); the list's need not sum to 1.
+    ``probability`` is P(this place lies within 4 m of the truth); the list's need not sum to 1. ``pose`` is the robot's
+    if this answer is right; null for a place that was not put to the test by layout.
     """
 
     rank: Rank
@@ -77,6 +103,7 @@ class Match(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     position: Position
     similarity: float
     probability: Fraction
+    pose: Pose | None = None
 
 
 class MapInfo(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -99,7 +126,7 @@ class PlaceMatches(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     ``status`` is ``unknown`` where there is nothing to go by (no ``matches``), and where the robot is probably in no
     building of the map (``matches`` are the best of it). ``raw_matches`` is the similarity search's list where another
-    is published: verified by layout, or filtered.
+    is published: verified by layout, or filtered. ``transform`` is the best match's, null where its ``pose`` is.
     """
 
     schema: Literal["semloc/place_matches/1"]
@@ -115,6 +142,7 @@ class PlaceMatches(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     model: ModelInfo | None
     calibrated: bool
     latency_ms: Annotated[float, msgspec.Meta(ge=0)] | None
+    transform: Transform | None = None
 
 
 class ClassAttribution(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"class_": "class"}):

@@ -17,10 +17,12 @@ from pathlib import Path
 from semloc_core import wire
 from semloc_core.bag import (
     GROUND_TRUTH_TOPIC,
+    POSE_WITH_COVARIANCE,
     STRING,
     BagWriter,
     Truth,
     decode_string,
+    encode_pose_with_covariance,
     read_messages,
 )
 from semloc_core.classes import Reading, all_unknown
@@ -28,6 +30,7 @@ from semloc_core.config import LocaliserConfig
 from semloc_core.errors import BagError, GraphError, MessageError
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
+from semloc_core.poses import TumWriter, matched_pose, quaternion_of, ros_covariance, yaw_of
 from semloc_core.run import Run, decode_truth
 from semloc_core.traversal_score import LatencyHistogram, TraversalScore
 from semloc_core.truth import TOLERANCE_S, TruthMatcher
@@ -37,6 +40,7 @@ logger = logging.getLogger(__name__)
 _WAITING = 100
 """Answers that wait for their true pose at most."""
 MATCHES_TOPIC = "/localiser/matches"
+POSE_TOPIC = "/localiser/pose"
 ATTRIBUTIONS_TOPIC = "/localiser/attributions"
 EVIDENCE_TOPIC = "/localiser/evidence"
 
@@ -96,6 +100,7 @@ def replay(
     truth_topic: str | None = None,
     truth_tolerance_s: float = TOLERANCE_S,
     results: Path | None = None,
+    tum: TumWriter | None = None,
     on_answer: Callable[[Answer], None] | None = None,
 ) -> ReplaySummary:
     """Localise along a recorded run.
@@ -106,7 +111,8 @@ def replay(
         config: the localiser's options.
         topic, robot, truth_topic: which of the run's topics, see `semloc_core.run.Run`.
         truth_tolerance_s: how far apart the stamps of an answer and of its ground truth may be.
-        results: a bag to write matches, attributions, evidence and the ground truth to.
+        results: a bag to write matches, attributions, evidence, poses and the ground truth to.
+        tum: takes poses and the ground truth too.
         on_answer: called with each answer.
 
     Raises:
@@ -129,6 +135,10 @@ def replay(
                 assert message.truth is not None
                 _score(score, matcher.truth(message.truth))
                 summary.truth_frames.add(message.truth.frame_id)
+                building = score.building_of(message.truth.frame_id)
+                if tum is not None and building is not None:
+                    orientation = getattr(message.truth, "orientation_xyzw", None)
+                    tum.truth(building, message.truth.stamp_ns, message.truth.position, orientation)
                 if writer is not None and message.raw is not None:
                     writer.write_raw(message.raw._replace(topic=GROUND_TRUTH_TOPIC))
                 continue
@@ -144,9 +154,13 @@ def replay(
             _score(score, matcher.item(answer.matches.stamp_ns, answer.matches))
             if writer is not None:
                 writer.write_string(MATCHES_TOPIC, message.received_ns, wire.encode(answer.matches).decode())
+                if (pose := _pose(answer.matches)) is not None:
+                    writer.write(POSE_TOPIC, POSE_WITH_COVARIANCE, message.received_ns, pose)
                 for name, why in ((ATTRIBUTIONS_TOPIC, answer.attributions), (EVIDENCE_TOPIC, answer.evidence)):
                     if why is not None:
                         writer.write_string(name, message.received_ns, wire.encode(why).decode())
+            if tum is not None:
+                tum.answer(answer.matches)
             if on_answer is not None:
                 on_answer(answer)
     if summary.updates == 0:
@@ -169,10 +183,21 @@ def _of(topic: str | None) -> str:
     return f" on {topic}" if topic else ""
 
 
+def _pose(matches: wire.PlaceMatches) -> bytes | None:
+    """The pose of a match as a ROS message; None where there is none, or its stamp fits no ROS time."""
+    pose = matched_pose(matches)
+    if pose is None or not 0 <= matches.stamp_ns < 2**31 * 1_000_000_000:
+        return None
+    turn, covariance = quaternion_of(pose.yaw), ros_covariance(pose)
+    return encode_pose_with_covariance(matches.stamp_ns, matches.frame_id, pose.position, turn, covariance)
+
+
 def _score(score: TraversalScore, due: Iterator[tuple[wire.PlaceMatches, Truth | None]]) -> None:
     for matches, truth in due:
         if truth is not None:
-            score.add(matches, truth.position, truth.frame_id)
+            orientation = getattr(truth, "orientation_xyzw", None)
+            yaw = None if orientation is None else yaw_of(orientation)
+            score.add(matches, truth.position, truth.frame_id, yaw)
 
 
 def _localise(localiser: Localiser, text: str, received_ns: int, counts: Counter[str]) -> Answer | None:

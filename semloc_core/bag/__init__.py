@@ -3,6 +3,7 @@
 from semloc_core.bag.cdr import (
     POINT_STAMPED,
     POSE_STAMPED,
+    POSE_WITH_COVARIANCE,
     STRING,
     StampedPoint,
     StampedPose,
@@ -12,6 +13,7 @@ from semloc_core.bag.cdr import (
     decode_string,
     encode_point,
     encode_pose,
+    encode_pose_with_covariance,
     encode_string,
 )
 from semloc_core.bag.reader import BagMessage, BagReader, read_messages
@@ -30,6 +32,7 @@ __all__ = [
     "Compression",
     "POINT_STAMPED",
     "POSE_STAMPED",
+    "POSE_WITH_COVARIANCE",
     "STRING",
     "StampedPoint",
     "StampedPose",
@@ -39,6 +42,7 @@ __all__ = [
     "decode_string",
     "encode_point",
     "encode_pose",
+    "encode_pose_with_covariance",
     "encode_string",
     "read_messages",
 ]

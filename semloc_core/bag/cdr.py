@@ -7,6 +7,7 @@ counted from behind the header. Decoding trusts no length: what does not fit is 
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from semloc_core.errors import BagError
@@ -15,6 +16,7 @@ from semloc_core.wire import Position
 STRING = "std_msgs/msg/String"
 POINT_STAMPED = "geometry_msgs/msg/PointStamped"
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
+POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
 Quaternion = tuple[float, float, float, float]
 
@@ -84,6 +86,13 @@ def encode_point(stamp_ns: int, frame_id: str, position: Position) -> bytes:
 def encode_pose(stamp_ns: int, frame_id: str, position: Position, orientation_xyzw: Quaternion) -> bytes:
     """CDR (little endian) of a geometry_msgs/PoseStamped; see `encode_point`."""
     return _stamped(stamp_ns, frame_id) + struct.pack("<7d", *position, *orientation_xyzw)
+
+
+def encode_pose_with_covariance(
+    stamp_ns: int, frame_id: str, position: Position, orientation_xyzw: Quaternion, covariance: Sequence[float]
+) -> bytes:
+    """CDR (little endian) of a geometry_msgs/PoseWithCovarianceStamped (36 numbers); see `encode_point`."""
+    return _stamped(stamp_ns, frame_id) + struct.pack("<43d", *position, *orientation_xyzw, *covariance)
 
 
 def _stamped(stamp_ns: int, frame_id: str) -> bytes:

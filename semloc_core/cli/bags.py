@@ -35,6 +35,9 @@ def simulate(
     false_rate: Annotated[float, typer.Option(help="Invented objects for each true one.")] = 0.05,
     position_noise: Annotated[float, typer.Option(help="Standard deviation of object positions, m.")] = 0.1,
     rate: Annotated[float, typer.Option(help="Updates per second.")] = 2.0,
+    drift: Annotated[
+        float, typer.Option(min=0.0, help="Drift of the run's frame; 1: 0.5° and 0.03 m per axis, a root metre.")
+    ] = 0.0,
     poses: Annotated[bool, typer.Option(help="Follow the file's agent poses, where it has them.")] = True,
     robot: RobotOption = None,
     seed: Seed = 0,
@@ -62,6 +65,8 @@ def simulate(
         false_rate=false_rate,
         position_noise_m=position_noise,
         rate_hz=rate,
+        shared_frame=True,
+        drift=drift,
         frame_id=building_name(graph),
     )
     agents = file.agents_of(robot) if poses and (file.agents or robot) else None

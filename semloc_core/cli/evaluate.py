@@ -109,6 +109,9 @@ def online(
     place_noise_m: Annotated[
         float, typer.Option(min=0.0, help="Standard deviation of a place's position, m per axis.")
     ] = 0.0,
+    drift: Annotated[
+        float, typer.Option(min=0.0, help="Drift of the robot's frame; 1: 0.5° and 0.03 m per axis, a root metre.")
+    ] = 0.0,
     filtered: Annotated[bool, typer.Option("--filter/--no-filter", help="With the filter over places too.")] = True,
     verified: Annotated[
         bool, typer.Option("--layout/--no-layout", help="Answers verified by layout too (rings and each model).")
@@ -146,6 +149,7 @@ def online(
         flicker_rate=flicker_rate,
         object_noise_m=object_noise_m,
         place_noise_m=place_noise_m,
+        drift=drift,
     )
     with progress("evaluating") as bar:
         rows = evaluate_online(

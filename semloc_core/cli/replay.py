@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -42,6 +43,10 @@ def replay(
     output: Annotated[
         Path | None,
         typer.Option("-o", "--output", metavar="RESULTS", help="Write matches, evidence and attributions to a bag."),
+    ] = None,
+    tum: Annotated[
+        Path | None,
+        typer.Option("--tum", metavar="FILE", help="Write the poses of matches as TUM files, one a building."),
     ] = None,
     topic: TopicOption = None,
     robot: RobotOption = None,
@@ -84,6 +89,7 @@ def replay(
     from semloc_core.classes import Reading, advice
     from semloc_core.cli.replay_table import print_summary
     from semloc_core.open_map import open_localiser
+    from semloc_core.poses import TumWriter
     from semloc_core.replay import Answer
     from semloc_core.replay import replay as run_replay
 
@@ -98,20 +104,23 @@ def replay(
         console.print(_line(answer, (stamp - shown_ns[0]) / 1e9))
 
     localiser = open_localiser(map_, config, outage_s=OUTAGE_S)
+    writer = TumWriter(tum, localiser.buildings) if tum is not None else None
     try:
         reading = Reading.of(labelspace, synonyms, localiser.map.model.labelspace)
         labels = localiser.labels = reading.labels()
-        summary = run_replay(
-            run,
-            localiser,
-            config,
-            topic=topic,
-            robot=robot,
-            truth_topic=truth_topic,
-            truth_tolerance_s=truth_tolerance,
-            results=output,
-            on_answer=on_answer,
-        )
+        with writer or nullcontext():
+            summary = run_replay(
+                run,
+                localiser,
+                config,
+                topic=topic,
+                robot=robot,
+                truth_topic=truth_topic,
+                truth_tolerance_s=truth_tolerance,
+                results=output,
+                tum=writer,
+                on_answer=on_answer,
+            )
     finally:
         localiser.close()
     tell(run, labels.told())
@@ -137,6 +146,8 @@ def replay(
         write_json(json_file, "replay", 0, [run, map_], rows)
     if output is not None:
         console.print(f"results: {output}")
+    if writer is not None:
+        console.print("trajectories: " + (", ".join(map(str, writer.files)) or "none, no answer was a match"))
 
 
 def _tell_scoring(summary: ReplaySummary, localiser: Localiser) -> None:

@@ -11,11 +11,13 @@ from semloc_core.evaluate.calibration import accepted_share, expected_calibratio
 from semloc_core.evaluate.fragments import answered, embed_walk, surroundings_along
 from semloc_core.evaluate.online_answers import Bools, OnlineWalk, believed, steps_at, verdict
 from semloc_core.evaluate.relocalise import Arena
-from semloc_core.evaluate.reranked import fragments_along, reranked, verified_evidence
+from semloc_core.evaluate.reranked import add_error, any_frame, fragments_along, reranked, verified_evidence
 from semloc_core.evaluate.rows import Row
 from semloc_core.graph_arrays import Ints
 from semloc_core.layout import LayoutVerifier
+from semloc_core.layout.placed import Placed
 from semloc_core.model import Model, embed_graph
+from semloc_core.pose_error import PoseErrors
 from semloc_core.sequence import FilterConfig, MapModel, PlaceFilter
 
 
@@ -35,7 +37,8 @@ def judge_online_layout(
     """Rows of one encoder whose answers are verified, under the name ``METHOD + layout``.
 
     Each robot's frame is turned against the map's by an angle of its own. Rows of ``filter`` ``none`` hold ``ece`` too,
-    the expected calibration error of the probability of the best match at that distance; those of scope
+    the expected calibration error of the probability of the best match at that distance, and the pose's errors
+    (`PoseErrors.figures`) where that match is right; those of scope
     ``foreign …`` say what is accepted as in `semloc_core.evaluate.online_hard.judge_foreign`, by that probability.
 
     Args:
@@ -57,6 +60,7 @@ def judge_online_layout(
     if places is not None:
         right["bayes", "any"] = np.zeros(shape, np.bool_)
     sure, abroad = np.zeros(shape[:2]), np.full(shape[:2], -np.inf)
+    errors = [PoseErrors() for _ in scopes_m]
     for i, path in enumerate(paths):
         at = steps_at(path.walk, scopes_m)
         asked = answered(path.walk.at(at))
@@ -66,8 +70,14 @@ def judge_online_layout(
         rows = np.searchsorted(steps, at)
         chosen = [fragments[row] for row in rows.tolist()]
         at_home = arena.building == path.building
-        best = reranked(verifier, chosen, similarity[rows], chances=sure[i])
+        places_found: list[Placed | None] = []
+        best = reranked(verifier, chosen, similarity[rows], chances=sure[i], places=places_found)
         right["none", "any"][i] = verdict(arena, path, at, best, radius_m)
+        turned = any_frame(np.random.default_rng([seed, i])).yaw
+        for k in np.flatnonzero(right["none", "any"][i][:, 0]).tolist():
+            step = int(at[k])
+            yaw = -(turned + path.walk.frame(step).yaw)
+            add_error(errors[k], places_found[k], chosen[k], path.walk.truth()[step], yaw)
         best = reranked(verifier, chosen, similarity[rows], at_home)
         right["none", "known"][i] = verdict(arena, path, at, best, radius_m)
         if foreign:
@@ -88,6 +98,7 @@ def judge_online_layout(
         for k, row in enumerate(success_rows(keys, verdicts, groups_of(paths), scopes_m, seed)):
             if (filter_, home) == ("none", "any"):
                 row["ece"] = expected_calibration_error(sure[:, k], verdicts[:, k, 0])
+                row |= errors[k].figures()
             found.append(row)
     if foreign:
         for k, metres in enumerate(scopes_m):

@@ -20,14 +20,16 @@ from semloc_core.encoder import build_encoder
 from semloc_core.errors import FileFormatError
 from semloc_core.evaluate import metrics
 from semloc_core.evaluate.calibration import accepted_share, expected_calibration_error
-from semloc_core.evaluate.reranked import layout_verifier, reranked, turned
+from semloc_core.evaluate.reranked import add_error, any_frame, layout_verifier, reranked, written_in
 from semloc_core.evaluate.rows import Progress, Row, no_progress
 from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.hydra import HydraFile, read_hydra
 from semloc_core.labelspace import Labelspace, union
 from semloc_core.layout import fragment_of_arrays
+from semloc_core.layout.placed import Placed
 from semloc_core.model import Model, embed_graph
 from semloc_core.place_graph import extract_all
+from semloc_core.pose_error import PoseErrors
 from semloc_core.training.config import TrainConfig
 from semloc_core.training.loop import Report, train
 
@@ -199,16 +201,23 @@ def judge_layout(method: str, model: Model, arena: Arena, radius_m: float, seed:
     positions, building = arena.positions, arena.building
     verifier = layout_verifier(arena.maps, len(arena.labelspace))
     right, sure, abroad = [], [], []
+    errors, whole = [], PoseErrors()
     for index, query in enumerate(arena.queries):
-        frame = turned(query, np.random.default_rng([seed, index]))
-        fragments = [fragment_of_arrays(frame, place, verifier.config) for place in range(query.n_places)]
+        frame = any_frame(np.random.default_rng([seed, index]))
+        moved = written_in(frame, query)
+        fragments = [fragment_of_arrays(moved, place, verifier.config) for place in range(query.n_places)]
         similarity = metrics.similarity_matrix(embed_graph(model, query), database)
         said, said_abroad = np.zeros(len(fragments)), np.zeros(len(fragments))
-        best = reranked(verifier, fragments, similarity, chances=said)
+        places: list[Placed | None] = []
+        best = reranked(verifier, fragments, similarity, chances=said, places=places)
         if len(arena.queries) > 1:
             reranked(verifier, fragments, similarity, building != index, said_abroad)
         away = np.linalg.norm(positions[best] - query.place_positions[:, None], axis=2)
         right.append((away <= radius_m) & (building[best] == index))
+        errors.append(PoseErrors())
+        for q in np.flatnonzero(right[-1][:, 0]).tolist():
+            for tally in (errors[-1], whole):
+                add_error(tally, places[q], fragments[q], query.place_positions[q], -frame.yaw)
         sure.append(said)
         abroad.append(said_abroad)
     name, rng = f"{method} + layout", np.random.default_rng(seed)
@@ -218,6 +227,8 @@ def judge_layout(method: str, model: Model, arena: Arena, radius_m: float, seed:
     rows += [_row(name, query.name, found, rng, None) for query, found in zip(arena.queries, right, strict=True)]
     for row, said, found in zip(rows, [np.concatenate(sure), *sure], [every, *right], strict=True):
         row["ece"] = expected_calibration_error(said, found[:, 0])
+    for row, tally in zip(rows, [whole, *errors], strict=True):
+        row |= tally.figures()
     if len(arena.queries) > 1:
         accepted = accepted_share(np.concatenate(sure), np.concatenate(abroad), every[:, 0])
         rows.append({"method": name, "scope": "foreign", "queries": len(every), **accepted})
