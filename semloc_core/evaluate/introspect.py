@@ -15,6 +15,7 @@ import numpy as np
 
 from semloc_core.evaluate.hypotheses import hypothesis_rows
 from semloc_core.evaluate.introspect_agreement_rows import agreement_rows, explainer_rows, frequency_rows
+from semloc_core.evaluate.introspect_checks import check_rows
 from semloc_core.evaluate.introspect_controls import control_rows
 from semloc_core.evaluate.introspect_rows import table_rows
 from semloc_core.evaluate.introspect_run import SHIFT_PLACES, Run, introspect_run
@@ -26,6 +27,7 @@ from semloc_core.evaluate.rows import Progress, Row, no_progress
 from semloc_core.explain.explainers import EXPLAINERS
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.labelspace import Labelspace
+from semloc_core.model import Model
 from semloc_core.training.config import PerturbConfig, TrainConfig, train_config
 
 
@@ -71,12 +73,17 @@ class Introspection:
         """The paper's three expectations; none without an explainer."""
         return hypothesis_rows(self.runs, self.methods, self.mobility) if self.methods else []
 
+    @cached_property
+    def checks(self) -> list[Row]:
+        """Which explainers passed: what is to be read first."""
+        return check_rows(self.methods, self.controls, self.sanity)
+
     @property
     def rows(self) -> list[Row]:
         """All of them, as they are written."""
         between = explainer_rows(self.runs, self.methods)
         return [
-            *self.table, *self.controls, *self.agreement, *between, *self.frequency, *self.sanity, *self.hypotheses,
+            *self.checks, *self.table, *self.controls, *self.agreement, *between, *self.frequency, *self.sanity, *self.hypotheses,
         ]  # fmt: skip
 
 
@@ -92,9 +99,10 @@ def introspect(
     shift_places: int = SHIFT_PLACES,
     moved_m: float | None = MOVED_M,
     sanity_places: int = SANITY_PLACES,
+    model: Model | None = None,
     progress: Progress = no_progress,
 ) -> Introspection:
-    """Train once for each seed, and put each model through the study.
+    """Train once for each seed, and put each model through the study; or a model that there is, on each seed's variants.
 
     Args:
         arrays: the graph.
@@ -108,6 +116,8 @@ def introspect(
         moved_m: how far objects move between the traversals of the third hypothesis; None: it is not tested, which
             saves two trainings a run.
         sanity_places: how many places of each run the sanity checks explain.
+        model: studied as it is: nothing is trained, all places are judged (it may have been trained on them), and the
+            third hypothesis, which takes trainings, is not tested.
         progress: told of every step.
 
     """
@@ -121,27 +131,32 @@ def introspect(
         def report(step: Report, number: int = number) -> None:
             progress(step.step, config.steps, f"run {number}, training")
 
-        result = train([arrays], labelspace, msgspec.structs.replace(config, seed=seed), progress=report)
+        judged = None
+        if model is None:
+            result = train([arrays], labelspace, msgspec.structs.replace(config, seed=seed), progress=report)
+            studied, judged = result.model, result.splits[0].mask("test")
+        else:
+            studied = model
         variants = office_variants(arrays, labelspace, seed, perturbation)
         runs.append(
             introspect_run(
-                result.model,
+                studied,
                 *variants,
                 seed=seed,
                 methods=methods,
                 places=_drawn(arrays.n_places, n_places, seed),
                 shift_places=shift_places,
-                judged=result.splits[0].mask("test"),
+                judged=judged,
                 progress=progress,
                 words=f"run {number}",
             )
         )
         sanity += sanity_rows(
-            result.model, *variants, runs[-1].introspection.places, run=number, methods=methods,
+            studied, *variants, runs[-1].introspection.places, run=number, methods=methods,
             n_places=sanity_places, seed=seed, progress=progress,
         )  # fmt: skip
     moving: list[MobilityRun] = []
-    if moved_m is not None:
+    if moved_m is not None and model is None:
         moving = mobility_study(
             arrays, labelspace, seeds=seeds, config=config, methods=methods, moved_m=moved_m,
             n_places=min(PLACES, n_places or PLACES), progress=progress,
