@@ -18,6 +18,7 @@ from mcap.writer import CompressionType, Writer
 from semloc_core.bag.cdr import POINT_STAMPED, STRING, encode_point, encode_string
 from semloc_core.bag.reader import BagMessage
 from semloc_core.errors import BagError
+from semloc_core.whole_file import check_claim, is_stream, must_be_new, open_stream, written
 from semloc_core.wire import Position
 
 _LOG = logging.getLogger(__name__)
@@ -96,11 +97,17 @@ class BagWriter:
         self._counts: dict[str, int] = {}
         self._start_ns, self._end_ns = 2**63 - 1, 0
         try:
-            if self._folder is not None:
+            if self._folder is not None and not is_stream(self.path):
                 self._folder.mkdir(parents=True, exist_ok=True)
                 if any(self._folder.iterdir()):
                     raise BagError(f"expected a new or empty folder for a bag (got {self._folder})")
-            self._stream: IO[bytes] = self.file.open("wb")
+            if is_stream(self.path):
+                self._folder, self.file = None, self.path
+                self._stream: IO[bytes] = open_stream(self.path)
+            else:
+                check_claim(self.path)
+                self._stream = self.file.open("xb" if must_be_new(self.path) else "wb")
+            written(self.path)
         except OSError as error:
             raise BagError(f"expected a bag that can be written (got {error})") from error
         self._mcap: Writer | None = Writer(self._stream, chunk_size=chunk_bytes, compression=_COMPRESSION[compression])

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from semloc_core.cli.common import Json, Seed, console, progress
+from semloc_core.cli.outputs import Writes
+from semloc_core.file_kinds import FOLDER, PICTURE
 
 if TYPE_CHECKING:
     from semloc_core.evaluate.trust import Study
@@ -20,7 +22,12 @@ def trust(
     walks: Annotated[int, typer.Option(min=1, help="Walks a building, on average.")] = 10,
     pictures: Annotated[
         Path | None,
-        typer.Option("--pictures", metavar="FOLDER", help="Draw reliability.png, success.png and failure.png there."),
+        typer.Option(
+            "--pictures",
+            metavar="FOLDER",
+            parser=Writes(FOLDER, files=("reliability.png", "success.png", "failure.png"), inside=PICTURE),
+            help="Draw reliability.png, success.png and failure.png there.",
+        ),
     ] = None,
     seed: Seed = 0,
     json_file: Json = None,

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from semloc_core.cli.common import can_be_written, read_graph_or_run
+from semloc_core.cli.common import read_graph_or_run
 from semloc_core.cli.map_places import only_a_file
+from semloc_core.cli.outputs import Writes
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import ConfigError, GraphError
+from semloc_core.file_kinds import MESSAGES
 from semloc_core.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -41,7 +43,7 @@ def explain(
         str | None, typer.Option("--methods", metavar="NAME,…", help="Explainers, by comma; default: all.")
     ] = None,
     json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", callback=can_be_written, help="Write all messages as JSON.")
+        Path | None, typer.Option("--json", metavar="FILE", parser=Writes(MESSAGES), help="Write all messages as JSON.")
     ] = None,
 ) -> None:
     """Locate one place of a graph, and say which classes and objects made the match, or any other pair."""

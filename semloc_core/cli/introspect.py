@@ -12,13 +12,14 @@ from semloc_core.cli.common import (
     LabelspaceOption,
     Seed,
     building_name,
-    can_be_written,
     console,
     pick_labelspace,
     progress,
     read_graph,
 )
 from semloc_core.cli.foreign_classes import report_unknown_classes
+from semloc_core.cli.outputs import Writes
+from semloc_core.file_kinds import PAGE, STUDY
 from semloc_core.whole_file import write_whole
 
 
@@ -26,14 +27,14 @@ def introspect(
     graph: Annotated[Path, typer.Argument(metavar="GRAPH", help="The scene graph.")],
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="HTML", callback=can_be_written, help="Write the study as one page."),
+        typer.Option("-o", "--output", metavar="HTML", parser=Writes(PAGE), help="Write the study as one page."),
     ] = None,
     keep_file: Annotated[
         Path | None,
         typer.Option(
             "--keep",
             metavar="FILE",
-            callback=can_be_written,
+            parser=Writes(STUDY),
             help="Keep the page's content, for `semloc report` to use.",
         ),
     ] = None,

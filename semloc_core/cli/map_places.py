@@ -92,9 +92,7 @@ def to_change(place: str) -> Iterator[tuple[WritableMap, Model]]:
 
 def refuse_existing(place: str) -> None:
     """Refuse to build where a map is already; on a server one without buildings does no harm."""
-    if not is_address(place):
-        if Path(place).exists():
-            raise MapError(f"expected a new file, or --force to replace one (got {place}, which exists)")
+    if not is_address(place):  # `semloc_core.outputs` has looked
         return
     from semloc_core.fleet.creating import map_exists
 
@@ -108,6 +106,8 @@ def refuse_existing(place: str) -> None:
 def fresh(place: str, model: Model, index: str | None = None) -> Iterator[WritableMap]:
     """A map without buildings at this place, once the block ends well; else what was there before."""
     from semloc_core.map_database import MapDatabase
+    from semloc_core.map_database.schema import publish_map
+    from semloc_core.whole_file import scratch_folder
 
     if is_address(place):
         with _fresh_on_server(parse_address(place), model, index) as there:
@@ -121,14 +121,15 @@ def fresh(place: str, model: Model, index: str | None = None) -> Iterator[Writab
             database.reset(model)
             yield database
         return
-    unfinished = output.with_name(f".{output.name}.unfinished")
-    unfinished.unlink(missing_ok=True)
-    try:
-        with MapDatabase.create(unfinished, model) as database:
+    with scratch_folder(output) as folder:  # with its log, so that nothing of it is left whatever ends the work
+        with MapDatabase.create(folder / output.name, model) as database:
             yield database
-        unfinished.replace(output)
-    finally:
-        unfinished.unlink(missing_ok=True)
+        try:
+            publish_map(folder / output.name, output)
+        except MapError:
+            raise MapError(
+                f"expected to put a map at {output} (got one that another process has written meanwhile)"
+            ) from None
 
 
 def tell_no_effect(index: str | None, address: MilvusAddress) -> None:

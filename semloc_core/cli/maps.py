@@ -12,9 +12,11 @@ from semloc_core.cli.common import LabelspaceOption, SynonymsOption, console, pi
 from semloc_core.cli.foreign_classes import AllowUnknown
 from semloc_core.cli.map_changes import Inputs, Name, names_of, put, read_known
 from semloc_core.cli.map_places import Index, fresh, refuse_existing
+from semloc_core.cli.outputs import App, Force, Writes
 from semloc_core.cli.screen import many
+from semloc_core.file_kinds import MAP
 
-app = typer.Typer(no_args_is_help=True, help="Build and change map databases.")
+app = App(no_args_is_help=True, help="Build and change map databases.")
 
 
 @app.command("build")
@@ -22,7 +24,13 @@ def build(
     inputs: Inputs,
     output: Annotated[
         str,
-        typer.Option("-o", "--output", metavar="MAP", help="Where to write the map: a file or an address."),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="MAP",
+            parser=Writes(MAP, address=True),
+            help="Where to write the map: a file or an address.",
+        ),
     ],
     model: Annotated[
         str | None,
@@ -37,7 +45,7 @@ def build(
     name: Name = None,
     synonyms: SynonymsOption = None,
     allow_unknown: AllowUnknown = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing map.")] = False,
+    force: Force = False,
     index: Index = None,
 ) -> None:
     """Build a map database: every place of every building, embedded; the file carries the model too."""

@@ -9,7 +9,9 @@ import typer
 
 from semloc_core.cli.common import Json, SynonymsOption, console, join_synonyms, note, write_json
 from semloc_core.cli.foreign_classes import report_unknown_classes
+from semloc_core.cli.outputs import Writes
 from semloc_core.config import LocaliserConfig, checked, options
+from semloc_core.file_kinds import BAG
 
 if TYPE_CHECKING:
     from semloc_core.localiser import Localiser
@@ -27,7 +29,10 @@ def replay(
         str, typer.Option("--map", metavar="MAP|URL", help="The map file, or milvus+http://host:port/name.")
     ],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="RESULTS", help="Write matches and attributions to a bag.")
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="RESULTS", parser=Writes(BAG), help="Write matches and attributions to a bag."
+        ),
     ] = None,
     topic: Annotated[str, typer.Option(help="Topic of the scene-graph updates.")] = "/scene_graph",
     top_n: Annotated[int, typer.Option(help=_HELP["top_n"])] = _DEFAULT.top_n,

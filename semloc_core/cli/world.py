@@ -7,9 +7,11 @@ from typing import Annotated, Literal
 
 import typer
 
-from semloc_core.cli.common import Seed, can_be_written, console, progress
+from semloc_core.cli.common import Seed, console, progress
+from semloc_core.cli.outputs import App, Writes
+from semloc_core.file_kinds import FOLDER, GRAPH
 
-app = typer.Typer(no_args_is_help=True, help="Generate buildings.")
+app = App(no_args_is_help=True, help="Generate buildings.")
 
 
 @app.command("office")
@@ -17,7 +19,11 @@ def office(
     output: Annotated[
         Path,
         typer.Option(
-            "-o", "--output", metavar="GRAPH", callback=can_be_written, help="Where to write the graph (JSON)."
+            "-o",
+            "--output",
+            metavar="GRAPH",
+            parser=Writes(GRAPH),
+            help="Where to write the graph (JSON).",
         ),
     ],
     seed: Seed = 0,
@@ -37,7 +43,11 @@ def home(
     output: Annotated[
         Path,
         typer.Option(
-            "-o", "--output", metavar="GRAPH", callback=can_be_written, help="Where to write the graph (JSON)."
+            "-o",
+            "--output",
+            metavar="GRAPH",
+            parser=Writes(GRAPH),
+            help="Where to write the graph (JSON).",
         ),
     ],
     seed: Seed = 0,
@@ -54,7 +64,12 @@ def home(
 
 @app.command("many")
 def many(
-    root: Annotated[Path, typer.Argument(metavar="ROOT", help="Folder to write to: ROOT/*/map.json and query.json.")],
+    root: Annotated[
+        Path,
+        typer.Argument(
+            metavar="ROOT", parser=Writes(FOLDER), help="Folder to write to: ROOT/*/map.json and query.json."
+        ),
+    ],
     kind: Annotated[
         Literal["home", "coco_office", "office"],
         typer.Option(help="Homes or offices of COCO's classes, or offices of uHumans2's."),
