@@ -96,6 +96,7 @@ class BagWriter:
         self._schemas: dict[str, int] = {}
         self._counts: dict[str, int] = {}
         self._start_ns, self._end_ns = 2**63 - 1, 0
+        check_claim(self.path)
         try:
             if self._folder is not None and not is_stream(self.path):
                 self._folder.mkdir(parents=True, exist_ok=True)
@@ -105,7 +106,6 @@ class BagWriter:
                 self._folder, self.file = None, self.path
                 self._stream: IO[bytes] = open_stream(self.path)
             else:
-                check_claim(self.path)
                 self._stream = self.file.open("xb" if must_be_new(self.path) else "wb")
             written(self.path)
         except OSError as error:
