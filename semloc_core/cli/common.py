@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from semloc_core.cli.foreign_classes import tell_numbers
 from semloc_core.cli.outputs import Writes
@@ -111,6 +110,8 @@ def progress(description: str) -> Iterator[Callable[[int, int, str], None]]:
 
     Where stderr is no terminal, a line every `LINE_EVERY_S` says how far it is.
     """
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
     name, now = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[words]}", markup=False)
     columns = (name, BarColumn(), now, TimeElapsedColumn())
     screen = Console(stderr=True, markup=False, emoji=False, highlight=False)

@@ -53,14 +53,6 @@ def replay(
     Prints an answer a second of the run, then a table: success within 4 m by distance travelled, where the run brings
     its ground truth, and latency. A map's server that stops answering is waited for, a minute at most.
     """
-    import torch
-
-    from semloc_core.cli.replay_table import print_summary
-    from semloc_core.open_map import open_localiser
-    from semloc_core.replay import Answer
-    from semloc_core.replay import replay as run_replay
-
-    torch.set_num_threads(1)
     config = checked(
         LocaliserConfig,
         top_n=top_n,
@@ -71,6 +63,14 @@ def replay(
         filter=filter_,
         buildings=tuple(buildings or ()),
     )
+    import torch
+
+    from semloc_core.cli.replay_table import print_summary
+    from semloc_core.open_map import open_localiser
+    from semloc_core.replay import Answer
+    from semloc_core.replay import replay as run_replay
+
+    torch.set_num_threads(1)
     shown_ns: list[int] = []
 
     def on_answer(answer: Answer) -> None:

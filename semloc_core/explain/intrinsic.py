@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from semloc_core.encoder.base import Encoded, Encoder
+from semloc_core.explain.perturbed import products
 from semloc_core.explain.scores import ObjectScores
 from semloc_core.place_graph import Batch, repeat
 
@@ -38,7 +39,7 @@ def intrinsic_scores(
     else:
         rest = None
         with torch.inference_mode():
-            similarity = float(encoded.embedding[0] @ target)
+            similarity = float(products(encoded.embedding[0], target))
             parts = encoder.contributions(batch, target)
             if parts is not None:
                 method, values = "closed_form", parts[objects]

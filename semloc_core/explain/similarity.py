@@ -20,7 +20,7 @@ from semloc_core.encoder.base import Encoded, Encoder
 from semloc_core.encoder.query import FEW, QueryEncoder
 from semloc_core.errors import ModelError
 from semloc_core.explain.intrinsic import intrinsic_scores
-from semloc_core.explain.perturbed import NODES_AT_ONCE, PerturbedEncoder, normal
+from semloc_core.explain.perturbed import NODES_AT_ONCE, PerturbedEncoder, normal, products
 from semloc_core.explain.scores import ObjectScores
 from semloc_core.place_graph import Batch
 
@@ -105,7 +105,7 @@ class SimilarityQuery:
             with torch.inference_mode():
                 return intrinsic_scores(encoder, batch, encoder.encode(batch), class_names, target)
 
-        known = float(encoded.embedding[0] @ target) if encoded is not None else None
+        known = float(products(encoded.embedding[0], target)) if encoded is not None else None
         perturbed = PerturbedEncoder(encoder, batch, nodes_at_once, queries)
         return cls.from_perturbed(perturbed, target, class_names, intrinsic, known)
 
@@ -137,7 +137,7 @@ class SimilarityQuery:
 
         def similarity(features: Tensor | None = None, keep: Tensor | None = None) -> Tensor:
             with torch.inference_mode(False):
-                return perturbed.embed(features, keep) @ target
+                return products(perturbed.embed(features, keep), target)
 
         batch = perturbed.batch
         rows = np.flatnonzero(batch.is_object.numpy())

@@ -44,7 +44,7 @@ def _without(located: Located, perturbed: PerturbedEncoder, verifier: LayoutVeri
     fragment = evidence.fragment.without(class_)
     stays = [not name or labelspace.index(name) != class_ for name in located.query.class_names]
     z = perturbed.embed(keep=torch.tensor([stays]))[0].numpy()
-    found = verifier.verify(fragment, loaded.embeddings @ z)
+    found = verifier.verify(fragment, loaded.index.everywhere(z, 1)[2])
     name = labelspace.classes[class_]
     if found is None:
         return WithoutClass(class_=name, map=None, place=None, probability=0.0, same=False)

@@ -1,9 +1,9 @@
 """Exact search: the places whose embeddings have the largest inner product with a query's.
 
-The inner product of unit vectors is their cosine. A BLAS product over all rows finds the candidates; these few are
-then scored again in float64. That costs microseconds and makes an answer independent of how BLAS rounds, which
-changes with the number of threads, with a row's position in memory and between one query and a batch of them. Equal
-embeddings thus have equal similarities, and ties go to the lower row.
+The inner product of unit vectors is their cosine. A product over all rows finds the candidates; these few are then
+scored again in float64. That costs microseconds and makes an answer independent of how the product rounds. For one
+query it is summed dimension by dimension, for all rows alike: BLAS would round by the processor, the number of threads
+and a row's position in memory. Equal embeddings thus have equal similarities, and ties go to the lower row.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from semloc_core.errors import MapError
 
 _BLOCK = 1024  # rows whose largest similarity stands for all of them
 _SCORED_AT_ONCE = 2**14
-_LARGE = 2**16  # rows from which on a copy by columns is kept: it no longer fits the caches
 _BATCH_VALUES = 2**24  # similarities held at a time: 64 MiB
+_MATRIX_VALUES = 2**22  # in float64: 32 MiB
 
 
 class ExactSearch:
-    """Search over the rows of a matrix, which is not copied unless it is large.
+    """Search over the rows of a matrix, of which a copy by columns is kept once it has been asked.
 
     Args:
         embeddings: (M, D) float32, C-contiguous.
@@ -69,7 +69,8 @@ class ExactSearch:
             chunk = queries[start : start + step]
             rough = self._rough(chunk[0])[None] if len(chunk) == 1 else chunk @ self.embeddings.T
             for row, query in enumerate(chunk, start):
-                indices[row], similarities[row] = self._best(rough[row - start], query, found, mask)
+                best, exact = self._near_best(rough[row - start], query, found, mask)
+                indices[row], similarities[row] = best[:found], exact[:found]
         if np.ndim(z) == 1:
             return indices[0], similarities[0]
         return indices, similarities
@@ -79,7 +80,7 @@ class ExactSearch:
     ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
         """The k most similar rows as of `search`, and (M,) similarities of all, from one pass over the matrix.
 
-        The k agree with those of all; the rest are as BLAS rounds them.
+        The k agree with those of all, and equal embeddings have equal similarities.
 
         Raises:
             MapError: as `search`.
@@ -89,25 +90,24 @@ class ExactSearch:
             wanted = f"k of at least 1 and a finite query of {self.embeddings.shape[1]} float32"
             raise MapError(f"expected {wanted} (got {k} and {z.shape} {z.dtype})")
         rough = self._rough(z)
-        rows, exact = self._best(rough, z, min(k, len(rough)), None)
-        rough[rows] = exact
-        return rows, exact, rough
+        rows, exact = self._near_best(rough, z, min(k, len(rough)), None)
+        rough[rows] = exact  # also of those that tie with the k-th
+        return rows[:k], exact[:k], rough
 
     def _rough(self, query: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(M,) similarities as BLAS rounds them."""
-        if len(self.embeddings) < _LARGE:
-            return self.embeddings @ query
-        return query @ self._columns
+        """(M,) similarities, rounded alike everywhere: one dimension after the other, no two numbers in one step."""
+        found: NDArray[np.float32] = np.einsum("d,dm->m", query, self._columns)
+        return found
 
     @cached_property
     def _columns(self) -> NDArray[np.float32]:
-        """(D, M): BLAS goes through long rows faster than through many short ones, where memory is the limit."""
+        """(D, M): so that a step goes through all rows of the map."""
         return np.ascontiguousarray(self.embeddings.T)
 
-    def _best(
+    def _near_best(
         self, rough: NDArray[np.float32], query: NDArray[np.float32], k: int, mask: NDArray[np.bool_] | None
     ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        """The k best, given similarities (M,) as BLAS rounds them."""
+        """The k best, and what could not be told from them by similarities (M,) that are rounded somehow."""
         if mask is not None:
             rough = np.where(mask, rough, np.float32(-np.inf))
         # What two float32 sums of D products can differ by, however they are ordered (twice the usual bound).
@@ -120,8 +120,36 @@ class ExactSearch:
         for start in range(0, len(candidates), _SCORED_AT_ONCE):  # few, but for a zero query they are all rows
             some = slice(start, start + _SCORED_AT_ONCE)
             exact[some] = (self.embeddings[candidates[some]].astype(np.float64) * query).sum(axis=1)
-        order = np.lexsort((candidates, -exact))[:k]
+        order = np.lexsort((candidates, -exact))
         return candidates[order], exact[order]
+
+
+def similarity_matrix(
+    queries: NDArray[np.float32], places: NDArray[np.float32], decimals: int = 6
+) -> NDArray[np.float32]:
+    """Cosine similarity of unit rows, rounded.
+
+    A matrix product gives equal columns values that differ in the last bits, by where they stand in a block, and each
+    kind of processor others. The product is taken in float64, where those bits lie far below the digits that are kept:
+    equal places have equal similarities, and every machine the same.
+
+    Args:
+        queries: (Q, D) float32 unit rows (a zero row has similarity 0 with everything).
+        places: (M, D) float32 unit rows.
+        decimals: kept digits.
+
+    Returns:
+        (Q, M) float32.
+
+    """
+    similarity = np.empty((len(queries), len(places)), dtype=np.float32)
+    columns = np.ascontiguousarray(places.T, dtype=np.float64)
+    step = max(1, _MATRIX_VALUES // max(1, len(places)))
+    for start in range(0, len(queries), step):
+        some = slice(start, start + step)
+        similarity[some] = np.round(queries[some].astype(np.float64) @ columns, decimals)
+    similarity += np.float32(0.0)  # -0.0 becomes 0.0
+    return similarity
 
 
 def check_query(z: ArrayLike, dimension: int, k: int, mask: NDArray[np.bool_] | None, rows: int) -> NDArray[np.float32]:

@@ -17,6 +17,7 @@ from semloc_core.errors import MapError
 from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.labelspace import Labelspace
 from semloc_core.map_database.history import ClassChange, History, ObjectBelief, Traversal
+from semloc_core.map_database.search import similarity_matrix
 from semloc_core.map_database.weights import class_name
 from semloc_core.map_merge.align import Alignment, Scene, align, match_objects
 from semloc_core.map_merge.config import MergeConfig
@@ -135,7 +136,7 @@ def lay(mapped: Side, seen: Side, config: MergeConfig, name: str = "") -> Alignm
         if not side.arrays.n_places or not side.arrays.n_objects:
             raise MapError(f"expected places and objects to lay {what} by (got none)")
     number = {each: i for i, each in enumerate(sorted({*mapped.names, *seen.names}))}
-    similarity = seen.embeddings @ mapped.embeddings.T
+    similarity = similarity_matrix(seen.embeddings, mapped.embeddings)
     return align(mapped.scene(number), seen.scene(number), similarity, config, name)
 
 

@@ -223,7 +223,7 @@ def test_binary_without_spark_dsg_says_what_to_install(tmp_path, monkeypatch):
     refused(tmp_path / "x.sparkdsg", "spark_dsg", "pip install")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_mutated_files_are_read_or_refused(tmp_path_factory, data):
     path = tmp_path_factory.mktemp("fuzz") / "g.json"
