@@ -18,6 +18,7 @@ WHAT: dict[str, tuple[str, type[SemlocError]]] = {
     "GRAPH...": ("a scene-graph file", FileFormatError),
     "GRAPH|RUN": ("a scene-graph file or a run", FileFormatError),
     "GRAPH|RUN...": ("a scene-graph file or a run", FileFormatError),
+    "[GRAPH|RUN]": ("a scene-graph file or a run", FileFormatError),
     "RUN": ("a bag", FileFormatError),
     "RESULTS": ("a bag", FileFormatError),
     "MAP": ("a map file", MapError),
