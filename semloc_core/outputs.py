@@ -14,11 +14,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from semloc_core.errors import ConfigError
-from semloc_core.file_kinds import BAG, EMPTY, FOLDER, kind_of
+from semloc_core.file_kinds import BAG, EMPTY, FOLDER, MAP, STATE, kind_of
 from semloc_core.whole_file import Seen, claimed, descriptor, is_stream, real, seen
 
 _BESIDE = ("-wal", "-shm", "-journal")
 """What SQLite keeps beside a map or a bag."""
+_NO_STREAM = {
+    MAP: "where a map can't be written to and fro",
+    STATE: "where a training state can't be kept",
+    FOLDER: "which is no folder",
+}
+"""Kinds that no pipe, terminal or device takes, and why."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +36,7 @@ class Output:
         path: where.
         kind: of `semloc_core.file_kinds`; `FOLDER`: a folder to put files into.
         in_place: what is there is gone on from, so that it needs no ``--force``.
+        inside: it is put into a folder that is an output itself, and made where it is missing.
 
     """
 
@@ -37,6 +44,7 @@ class Output:
     path: Path
     kind: str
     in_place: bool = False
+    inside: bool = False
 
 
 @contextmanager
@@ -54,10 +62,9 @@ def guarded(outputs: Sequence[Output], inputs: Iterable[Path], *, force: bool) -
     """
     read = _Inputs(inputs)
     claims: dict[str, Seen | None] = {}
-    for i, one in enumerate(outputs):
+    for one in outputs:
         _check(one, read, force)
-        for other in outputs[:i]:
-            _check_apart(one, other)
+    _check_apart([one for one in outputs if not is_stream(one.path)])
     for one in outputs:
         if one.kind != FOLDER and not is_stream(one.path):
             claims[real(one.path)] = seen(one.path)
@@ -115,6 +122,8 @@ def _files_in(path: Path) -> Iterator[Path]:
 
 def _check(one: Output, inputs: _Inputs, force: bool) -> None:
     path, stream = one.path, is_stream(one.path)
+    if stream and one.kind in _NO_STREAM:
+        raise ConfigError(f"expected {one.name} to be a file or folder of its own (got {path}, {_NO_STREAM[one.kind]})")
     if stream and (descriptor(path) is None or not path.is_file()):
         return
     holding = inputs.holding(path)
@@ -132,7 +141,7 @@ def _check(one: Output, inputs: _Inputs, force: bool) -> None:
             return
     elif path.is_dir():
         raise ConfigError(f"expected a file to write to (got {path}, which is a folder)")
-    elif not path.parent.is_dir():
+    elif not path.parent.is_dir() and not one.inside:
         raise ConfigError(f"expected a file in a folder that exists (got {path})")
     for end in _BESIDE:
         if real(path).endswith(end) and Path(real(path).removesuffix(end)).is_file():
@@ -146,15 +155,17 @@ def _check(one: Output, inputs: _Inputs, force: bool) -> None:
         raise ConfigError(f"expected a new file, or --force to replace one (got {path}, which exists)")
 
 
-def _check_apart(one: Output, other: Output) -> None:
-    """Refuse two outputs that are one, or one inside the other's bag."""
-    if is_stream(one.path) or is_stream(other.path):
-        return
-    a, b = Path(real(one.path)), Path(real(other.path))
-    same = a == b or (_identity(a) is not None and _identity(a) == _identity(b))
-    inside = any(
-        first.kind == BAG and first.path.suffix != ".mcap" and x != y and y.is_relative_to(x)
-        for first, x, y in ((one, a, b), (other, b, a))
-    )
-    if (same and FOLDER not in (one.kind, other.kind)) or inside:
-        raise ConfigError(f"expected {other.name} and {one.name} to be files of their own (got {one.path} for both)")
+def _check_apart(outputs: Sequence[Output]) -> None:
+    """Refuse two outputs that are one, or one inside another's bag."""
+    names: dict[object, Output] = {}
+    bags = [(real(one.path), one) for one in outputs if one.kind == BAG and one.path.suffix != ".mcap"]
+    for one in outputs:
+        name = real(one.path)
+        clash = next((bag for folder, bag in bags if bag is not one and Path(name).is_relative_to(folder)), None)
+        if one.kind != FOLDER:
+            for key in (name, _identity(one.path)):
+                clash = clash or (names.setdefault(key, one) if key is not None else None)
+        if clash is not None and clash is not one:
+            raise ConfigError(
+                f"expected {clash.name} and {one.name} to be files of their own (got {one.path} for both)"
+            )

@@ -116,6 +116,12 @@ def must_be_new(path: str | Path) -> bool:
     return claims is not None and claims.get(real(path), ()) is None
 
 
+def replaces(path: str | Path) -> bool:
+    """Whether the running command has claimed a path for what takes the place of something there."""
+    claims = claimed.get()
+    return claims is not None and claims.get(real(path)) is not None and not is_stream(path)
+
+
 def publish(temporary: str | Path, target: str | Path) -> None:
     """Give what is whole its name, in place of what was there when the running command claimed it.
 
@@ -133,10 +139,18 @@ def publish(temporary: str | Path, target: str | Path) -> None:
         old = beside(name)
         Path(name).rename(old)
         Path(temporary).rename(name)
-        shutil.rmtree(old, ignore_errors=True)
+        remove(old)
     else:
         Path(temporary).replace(name)
     written(target)
+
+
+def remove(path: str | Path) -> None:
+    """Remove a file or a folder, if it is there."""
+    if Path(path).is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        Path(path).unlink(missing_ok=True)
 
 
 def link_new(temporary: str | Path, name: str | Path, said: str) -> None:

@@ -18,7 +18,7 @@ for space in coco uhumans2_office; do
 done
 
 # What probabilities of verified answers are worth, from generated buildings alone.
-"$python" -m semloc_core.evaluate.fit_confidence --seed 0 -o semloc_core/layout/calibration.json
+"$python" -m semloc_core.evaluate.fit_confidence --force --seed 0 -o semloc_core/layout/calibration.json
 
 # The demo: an office, its model, its map, and a run through it.
 semloc world office --seed 0 -o "$scratch/office.json"

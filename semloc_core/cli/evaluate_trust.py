@@ -14,6 +14,7 @@ from semloc_core.file_kinds import FOLDER, PICTURE
 if TYPE_CHECKING:
     from semloc_core.evaluate.trust import Study
 
+PICTURES = ("reliability", "success", "failure")
 _HEAD = ("method", "scope", "building", "walk", "status", "probability")
 
 
@@ -25,7 +26,7 @@ def trust(
         typer.Option(
             "--pictures",
             metavar="FOLDER",
-            parser=Writes(FOLDER, files=("reliability.png", "success.png", "failure.png"), inside=PICTURE),
+            parser=Writes(FOLDER, files=lambda values: (f"{name}.png" for name in PICTURES), inside=PICTURE),
             help="Draw reliability.png, success.png and failure.png there.",
         ),
     ] = None,

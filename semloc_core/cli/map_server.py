@@ -14,6 +14,7 @@ from semloc_core.cli.map_places import (
     Patterns,
     address_of,
     fresh,
+    map_that_was,
     only_a_file,
     server_map,
     tell_no_effect,
@@ -62,7 +63,8 @@ def pull(
     from semloc_core.fleet.transfer import pull as copy
     from semloc_core.map_database import load
 
-    with server_map(address) as database, fresh(str(map_file), database.model) as file:
+    was = map_that_was(map_file)
+    with server_map(address) as database, fresh(str(map_file), database.model, was) as file:
         count = copy(database, file, buildings or ())
     console.print(f"{map_file}: {many(count, 'building')}, hash {load(map_file).hash}")
 

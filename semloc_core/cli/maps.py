@@ -11,7 +11,7 @@ from semloc_core.cli.choose_model import choose_model
 from semloc_core.cli.common import LabelspaceOption, SynonymsOption, console, pick_labelspace, progress
 from semloc_core.cli.foreign_classes import AllowUnknown
 from semloc_core.cli.map_changes import Inputs, Name, names_of, put, read_known
-from semloc_core.cli.map_places import Index, fresh, refuse_existing
+from semloc_core.cli.map_places import Index, fresh, map_that_was, refuse_existing
 from semloc_core.cli.outputs import App, Force, Writes
 from semloc_core.cli.screen import many
 from semloc_core.file_kinds import MAP
@@ -51,10 +51,10 @@ def build(
     """Build a map database: every place of every building, embedded; the file carries the model too."""
     if not force:
         refuse_existing(output)
-    names, places = names_of(inputs, name), 0
+    names, places, was = names_of(inputs, name), 0, map_that_was(output)
     space = pick_labelspace(labelspace)
     loaded = choose_model(model, inputs, space, synonyms)
-    with fresh(output, loaded, index) as database, progress("embedding places") as bar:
+    with fresh(output, loaded, was, index) as database, progress("embedding places") as bar:
         for i, (path, building) in enumerate(zip(inputs, names, strict=True)):
             bar(i, len(inputs), building)
             graph = read_known(path, loaded, allow_unknown, space)

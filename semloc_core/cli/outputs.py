@@ -7,7 +7,7 @@ function is called, so before it reads or computes anything.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -32,7 +32,7 @@ class Writes:
         kind: of `semloc_core.file_kinds`.
         in_place: what is there is gone on from.
         address: it may be a map on a server, which is no file.
-        files: of a folder, the files that are written into it.
+        files: of a folder, the files that are written into it, given the command's other values.
         inside: kind of these.
 
     """
@@ -45,7 +45,7 @@ class Writes:
         *,
         in_place: bool = False,
         address: bool = False,
-        files: tuple[str, ...] = (),
+        files: Callable[[dict[str, Any]], Iterable[str]] = lambda values: (),
         inside: str = file_kinds.FOLDER,
     ) -> None:
         self.kind, self.in_place, self.address, self.files, self.inside = kind, in_place, address, files, inside
@@ -54,11 +54,11 @@ class Writes:
         """What the function gets: a path; an address as it is."""
         return str(value) if self.address else Path(value)
 
-    def outputs(self, name: str, value: Any) -> Iterator[Output]:
-        """What a value makes the command write."""
+    def outputs(self, name: str, value: Any, values: dict[str, Any]) -> Iterator[Output]:
+        """What a value makes the command write, given all its values."""
         if not (self.address and "://" in str(value)):
             yield Output(name, Path(value), self.kind, self.in_place)
-            yield from (Output(name, Path(value) / file, self.inside) for file in self.files)
+            yield from (Output(name, Path(value) / file, self.inside, inside=True) for file in self.files(values))
 
 
 def writes(parameter: Any) -> Writes | None:
@@ -89,6 +89,11 @@ def _force_option() -> Any:
     return next(parameter for parameter in get_command(own).params if parameter.name == "force")
 
 
+def _said(parameter: Any) -> str:
+    """An option's long name, an argument's word."""
+    return max(parameter.opts, key=len) if parameter.param_type_name == "option" else str(parameter.metavar)
+
+
 class _Guarded:
     """A command whose outputs are checked before it is called."""
 
@@ -108,7 +113,7 @@ class _Guarded:
         for parameter in self.params:
             value, how = ctx.params.get(parameter.name or ""), writes(parameter)
             if how is not None and value is not None:
-                outputs += how.outputs(max(parameter.opts, key=len) if parameter.opts else "", value)
+                outputs += how.outputs(_said(parameter), value, ctx.params)
             elif is_read(parameter) and value:
                 inputs += [Path(each) for each in (value if isinstance(value, (list, tuple)) else [value])]
         with guarded(outputs, inputs, force=force):

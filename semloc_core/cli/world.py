@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,6 +13,16 @@ from semloc_core.cli.outputs import App, Writes
 from semloc_core.file_kinds import FOLDER, GRAPH
 
 app = App(no_args_is_help=True, help="Generate buildings.")
+
+
+def _folder(kind: str, seed: int, number: int) -> str:
+    return f"{kind}_{seed}_{number:03d}"
+
+
+def _files(kind: str, seed: int, count: int, **_: object) -> Iterator[str]:
+    """What `many` writes into its folder."""
+    for i in range(count):
+        yield from (f"{_folder(kind, seed, i)}/{name}.json" for name in ("map", "query"))
 
 
 @app.command("office")
@@ -67,7 +78,9 @@ def many(
     root: Annotated[
         Path,
         typer.Argument(
-            metavar="ROOT", parser=Writes(FOLDER), help="Folder to write to: ROOT/*/map.json and query.json."
+            metavar="ROOT",
+            parser=Writes(FOLDER, files=lambda values: _files(**values), inside=GRAPH),
+            help="Folder to write to: ROOT/*/map.json and query.json.",
         ),
     ],
     kind: Annotated[
@@ -86,7 +99,7 @@ def many(
     with progress("building") as bar:
         for i in range(count):
             bar(i, count, kind)
-            folder = root / f"{kind}_{seed}_{i:03d}"
+            folder = root / _folder(kind, seed, i)
             folder.mkdir(parents=True, exist_ok=True)
             mapped, seen = draw_pair(KINDS[kind], np.random.default_rng([seed, i]))
             write_world(folder / "map.json", mapped)
