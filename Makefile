@@ -54,9 +54,9 @@ $(VENV)/.bench: $(VENV)/.test
 
 bench: $(VENV)/.bench ## speed beside the peers: one table, and figures in out/bench
 	@mkdir -p $(OUT)/bench
-	OMP_NUM_THREADS=1 $(PY) -m semloc_core bench --json $(OUT)/bench/bench.json
-	OMP_NUM_THREADS=1 $(PY) -m semloc_core bench growth --json $(OUT)/bench/growth.json --plot $(OUT)/bench/growth.png
-	OMP_NUM_THREADS=1 $(PY) -m semloc_core bench fleet --json $(OUT)/bench/fleet.json
+	OMP_NUM_THREADS=1 $(PY) -m semloc_core bench --force --json $(OUT)/bench/bench.json
+	OMP_NUM_THREADS=1 $(PY) -m semloc_core bench growth --force --json $(OUT)/bench/growth.json --plot $(OUT)/bench/growth.png
+	OMP_NUM_THREADS=1 $(PY) -m semloc_core bench fleet --force --json $(OUT)/bench/fleet.json
 
 FUZZ_SECONDS ?= 300
 FUZZ_UPDATES ?= 1000000

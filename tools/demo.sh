@@ -5,7 +5,7 @@ python=$1
 out=$2
 semloc() { "$python" -m semloc_core "$@"; }
 mkdir -p "$out"
-semloc replay bags/office_run.mcap --map models/office.map -o "$out/results.mcap" --json "$out/figures.json"
-semloc report replay "$out/results.mcap" --map models/office.map -o "$out/report.html"
+semloc replay --force bags/office_run.mcap --map models/office.map -o "$out/results.mcap" --json "$out/figures.json"
+semloc report replay --force "$out/results.mcap" --map models/office.map -o "$out/report.html"
 echo
 echo "The same in pictures: $out/report.html"

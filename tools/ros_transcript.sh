@@ -61,7 +61,7 @@ if [ ! -e "$map" ] || [ ! -e "$run" ]; then
     semloc world office -o "$scratch/office.json" >/dev/null
     semloc train "$scratch/office.json" --encoder rings -o "$scratch/office.model" >/dev/null
     semloc map build "$scratch/office.json" --model "$scratch/office.model" --force -o "$map" >/dev/null
-    semloc bag simulate "$scratch/office.json" --distance 60 --seed 1 -o "$run" >/dev/null
+    semloc bag simulate --force "$scratch/office.json" --distance 60 --seed 1 -o "$run" >/dev/null
 fi
 cp "$map" "$scratch/other.map"
 

@@ -12,6 +12,7 @@ from semloc_core import __version__
 from semloc_core.cli import bags, bench, evaluate, explain, introspect, maps, replay, report, train, world
 from semloc_core.cli.ending import unread
 from semloc_core.cli.inputs import guard
+from semloc_core.cli.outputs import App
 from semloc_core.errors import SemlocError
 
 HELP = """Tells a robot where it is, and why it thinks so, from the semantics of a 3D scene graph.
@@ -38,9 +39,7 @@ WRONG = 2
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 """click's, or that of typer's own copy of click."""
 
-app = typer.Typer(
-    name="semloc", help=HELP, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode="markdown"
-)
+app = App(name="semloc", help=HELP, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode="markdown")
 
 
 class _Once(logging.Filter):

@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from semloc_core.cli.common import Json, Seed, console, progress
+from semloc_core.cli.outputs import Writes
+from semloc_core.file_kinds import FOLDER, PICTURE
 
 if TYPE_CHECKING:
     from semloc_core.evaluate.trust import Study
 
+PICTURES = ("reliability", "success", "failure")
 _HEAD = ("method", "scope", "building", "walk", "status", "probability")
 
 
@@ -20,7 +23,12 @@ def trust(
     walks: Annotated[int, typer.Option(min=1, help="Walks a building, on average.")] = 10,
     pictures: Annotated[
         Path | None,
-        typer.Option("--pictures", metavar="FOLDER", help="Draw reliability.png, success.png and failure.png there."),
+        typer.Option(
+            "--pictures",
+            metavar="FOLDER",
+            parser=Writes(FOLDER, files=lambda values: (f"{name}.png" for name in PICTURES), inside=PICTURE),
+            help="Draw reliability.png, success.png and failure.png there.",
+        ),
     ] = None,
     seed: Seed = 0,
     json_file: Json = None,

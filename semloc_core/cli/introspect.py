@@ -13,13 +13,14 @@ from semloc_core.cli.common import (
     Seed,
     SynonymsOption,
     building_name,
-    can_be_written,
     console,
     progress,
     read_graph,
 )
 from semloc_core.cli.foreign_classes import report_unknown_classes
+from semloc_core.cli.outputs import Writes
 from semloc_core.errors import ConfigError
+from semloc_core.file_kinds import PAGE, STUDY
 from semloc_core.whole_file import write_whole
 
 
@@ -33,14 +34,14 @@ def introspect(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="HTML", callback=can_be_written, help="Write the study as one page."),
+        typer.Option("-o", "--output", metavar="HTML", parser=Writes(PAGE), help="Write the study as one page."),
     ] = None,
     keep_file: Annotated[
         Path | None,
         typer.Option(
             "--keep",
             metavar="FILE",
-            callback=can_be_written,
+            parser=Writes(STUDY),
             help="Keep the page's content, for `semloc report` to use.",
         ),
     ] = None,
@@ -78,17 +79,19 @@ def introspect(
     from semloc_core.evaluate.table import cell, document, print_table
     from semloc_core.explain.explainers import EXPLAINERS, check_methods
     from semloc_core.explain.fidelity import BUDGET
+    from semloc_core.file_kinds import MAP, kind_of
     from semloc_core.graph_arrays import GraphArrays
     from semloc_core.labelspace import count_unknown
     from semloc_core.map_database import load
-    from semloc_core.file_kinds import MAP, kind_of
     from semloc_core.training.config import train_config
 
     chosen = list(EXPLAINERS) if methods is None else [name.strip() for name in methods.split(",")]
     check_methods(chosen)
     if kind_of(source) == MAP:
         if encoder is not None or steps is not None:
-            raise ConfigError("expected a GRAPH with --encoder or --steps (got a map, which brings its trained encoder)")
+            raise ConfigError(
+                "expected a GRAPH with --encoder or --steps (got a map, which brings its trained encoder)"
+            )
         loaded = load(source)
         names = ", ".join(loaded.buildings)
         if building is None and len(loaded.buildings) != 1:

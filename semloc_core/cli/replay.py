@@ -22,7 +22,9 @@ from semloc_core.cli.common import (
     write_json,
 )
 from semloc_core.cli.foreign_classes import report_unknown_classes
+from semloc_core.cli.outputs import Writes
 from semloc_core.config import LocaliserConfig, checked, options
+from semloc_core.file_kinds import BAG, TRAJECTORY
 
 if TYPE_CHECKING:
     from semloc_core.localiser import Localiser
@@ -42,11 +44,22 @@ def replay(
     ],
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="RESULTS", help="Write matches, evidence and attributions to a bag."),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="RESULTS",
+            parser=Writes(BAG),
+            help="Write matches, evidence and attributions to a bag.",
+        ),
     ] = None,
     tum: Annotated[
         Path | None,
-        typer.Option("--tum", metavar="FILE", help="Write the poses of matches as TUM files, one a building."),
+        typer.Option(
+            "--tum",
+            metavar="FILE",
+            parser=Writes(TRAJECTORY),
+            help="Write the poses of matches as TUM files, one a building.",
+        ),
     ] = None,
     topic: TopicOption = None,
     robot: RobotOption = None,

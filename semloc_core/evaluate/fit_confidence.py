@@ -17,13 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.errors import GraphError
+from semloc_core.errors import GraphError, SemlocError
 from semloc_core.evaluate.reranked import fragments_along, layout_verifier
 from semloc_core.evaluate.walks import WalkConfig, walk
+from semloc_core.file_kinds import CALIBRATION
 from semloc_core.graph_arrays import Floats, GraphArrays
 from semloc_core.labelspace import Labelspace, load_labelspace
 from semloc_core.layout import LayoutVerifier
 from semloc_core.layout.confidence import FEATURES, Calibration, features
+from semloc_core.outputs import Output, guarded
 from semloc_core.training.config import PerturbConfig
 from semloc_core.training.perturb import perturb
 from semloc_core.whole_file import write_whole
@@ -153,14 +155,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--buildings", type=int, default=BUILDINGS, help="of each kind")
     parser.add_argument("--walks", type=int, default=WALKS, help="through each building")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--force", action="store_true", help="replace a calibration that is there")
     options = parser.parse_args(arguments)
-    rng = np.random.default_rng(options.seed)
+    try:
+        with guarded([Output("--output", options.output, CALIBRATION)], [], force=options.force):
+            write_whole(options.output, calibration(options.buildings, options.walks, options.seed))
+    except SemlocError as error:
+        parser.error(str(error))
+
+
+def calibration(buildings: int, walks: int, seed: int) -> bytes:
+    """The file: fitted on walks through so many buildings of each kind."""
+    rng = np.random.default_rng(seed)
     parts = []
     for kind in KINDS.values():
-        maps, again, space = draw_buildings(kind, options.buildings, rng)
-        parts.append(gather(maps, again, len(space), options.walks, rng))
+        maps, again, space = draw_buildings(kind, buildings, rng)
+        parts.append(gather(maps, again, len(space), walks, rng))
     joined = Examples(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("x", "right", "at_home")))
-    write_whole(options.output, msgspec.json.format(msgspec.json.encode(fit(joined)), indent=1) + b"\n")
+    return msgspec.json.format(msgspec.json.encode(fit(joined)), indent=1) + b"\n"
 
 
 if __name__ == "__main__":

@@ -83,7 +83,8 @@ class Introspection:
         """All of them, as they are written."""
         between = explainer_rows(self.runs, self.methods)
         return [
-            *self.checks, *self.table, *self.controls, *self.agreement, *between, *self.frequency, *self.sanity, *self.hypotheses,
+            *self.checks, *self.table, *self.controls, *self.agreement, *between, *self.frequency, *self.sanity,
+            *self.hypotheses,
         ]  # fmt: skip
 
 
@@ -102,7 +103,7 @@ def introspect(
     model: Model | None = None,
     progress: Progress = no_progress,
 ) -> Introspection:
-    """Train once for each seed, and put each model through the study; or a model that there is, on each seed's variants.
+    """Train once for each seed, and put each model through the study; or study one model on all seeds' variants.
 
     Args:
         arrays: the graph.

@@ -61,6 +61,7 @@ class Traversal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         added: objects that the map did not have.
         forgotten: objects that are no longer believed in.
         places: places added.
+        run: digest of its scene graph, by which it is known again; empty of what was merged before these were kept.
 
     """
 
@@ -74,17 +75,29 @@ class Traversal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     added: Count
     forgotten: Count
     places: Count
+    run: str = ""
 
 
-class History(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Before(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A building as it was before the last merge: its scene graph, as packed for storage, and its history."""
+
+    digest: str
+    size: Count
+    graph: bytes
+    history: bytes
+
+
+class History(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """A building's history: traversals merged, in order, and what is believed of objects and classes since.
 
     ``objects`` has those that a traversal could say something about; of others `ObjectBelief` holds by default.
+    ``before`` undoes the last merge; None where something else has changed the building since.
     """
 
     traversals: tuple[Traversal, ...] = ()
     objects: dict[Name, ObjectBelief] = {}
     classes: dict[Name, ClassChange] = {}
+    before: Before | None = None
 
 
 def pack_history(history: History) -> bytes:

@@ -2,6 +2,6 @@
 
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.merge import Merged, Side, merge
-from semloc_core.map_merge.store import merge_into, propose
+from semloc_core.map_merge.store import merge_into, propose, undo
 
-__all__ = ["MergeConfig", "Merged", "Side", "merge", "merge_into", "propose"]
+__all__ = ["MergeConfig", "Merged", "Side", "merge", "merge_into", "propose", "undo"]

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -96,6 +95,7 @@ def merge(
     config: MergeConfig | None = None,
     source: str = "",
     name: str = "",
+    run: str = "",
 ) -> Merged:
     """Merge a traversal into a building.
 
@@ -107,6 +107,7 @@ def merge(
         config: options.
         source: where the traversal came from, such as a file name.
         name: the building's, for errors.
+        run: digest of the traversal's scene graph.
 
     Raises:
         MapError: how the traversal lies on the building is not supported by what it saw.
@@ -126,7 +127,7 @@ def merge(
     revision = revise(
         mapped, seen, history, alignment.transform, places, confirmed, moved.reshape(-1, 2).T, verdict, config
     )
-    return Merged(revision.graph, _history(history, verdict, revision, alignment, source), alignment)
+    return Merged(revision.graph, _history(history, verdict, revision, alignment, source, run), alignment)
 
 
 def lay(mapped: Side, seen: Side, config: MergeConfig, name: str = "") -> Alignment:
@@ -177,7 +178,9 @@ def _judged(
     return judge(observation, [history.classes, *others], config, gate_m), spare
 
 
-def _history(history: History, verdict: Verdict, revision: Revision, alignment: Alignment, source: str) -> History:
+def _history(
+    history: History, verdict: Verdict, revision: Revision, alignment: Alignment, source: str, run: str
+) -> History:
     """The history with this traversal in it."""
     classes = dict(history.classes)
     for name, change in verdict.changes.items():
@@ -189,8 +192,7 @@ def _history(history: History, verdict: Verdict, revision: Revision, alignment: 
         translation=alignment.transform.translation,
         residual_m=alignment.residual_m,
         **revision.counts,
+        run=run,
     )
     beliefs = {key: belief for key, belief in revision.beliefs.items() if belief != ObjectBelief()}
-    return msgspec.structs.replace(
-        history, traversals=(*history.traversals, traversal), objects=beliefs, classes=classes
-    )
+    return History((*history.traversals, traversal), beliefs, classes)
