@@ -77,7 +77,7 @@ class Localiser:
             places=loaded.n_places if whole is None else whole.n_places,
         )
         self._model_info: ModelInfo | None = ModelInfo(name=loaded.model.encoder.name, hash=loaded.model.hash)
-        self._index = RadiusIndex(loaded.positions, loaded.building_index, MATCH_RADIUS_M)
+        self._index = RadiusIndex(loaded.positions, loaded.storey_index, MATCH_RADIUS_M)
         verifier = verifier_of(loaded) if self.config.rerank == "layout" else None
         self._reranker = Reranker(loaded, verifier, self._index.within) if verifier is not None else None
         tracked = self.config.filter == "bayes" and loaded.n_places

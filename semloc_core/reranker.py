@@ -43,13 +43,15 @@ def _make(loaded: LoadedMap) -> LayoutVerifier:
         [rows for _, rows, _ in read],
         len(loaded.model.labelspace),
         weights=[weights for _, _, weights in read],
+        storeys=[loaded.storeys[loaded.rows_of(building)] for building in loaded.buildings],
     )
 
 
 def layout_part(loaded: LoadedMap, building: str) -> LayoutPart:
     """One building of a map, ready to be verified together with others; see `LayoutVerifier.joined`."""
     graph, rows, weights = _read(loaded, building)
-    return LayoutPart.of(graph, rows, len(loaded.model.labelspace), weights)
+    on = loaded.storeys[loaded.rows_of(building)]
+    return LayoutPart.of(graph, rows, len(loaded.model.labelspace), weights, on)
 
 
 def _read(loaded: LoadedMap, building: str) -> tuple[GraphArrays, Ints, NDArray[np.float64]]:

@@ -36,13 +36,18 @@ from semloc_core.map_database.weights import class_weights
 from semloc_core.model import Model
 from semloc_core.place_graph import Batch
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.storeys import separate, storey_at, storeys_of
+from semloc_core.wire import Position
 
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class StoredBuilding:
-    """One building: its source, frame, when it was made (ns, or None), packed scene graph and history."""
+    """One building: its source, frame, when it was made (ns, or None), packed scene graph and history.
+
+    ``storeys`` are those of its places, by rising id; None where they are to be derived from the scene graph.
+    """
 
     name: str
     source: str
@@ -51,6 +56,7 @@ class StoredBuilding:
     n_places: int
     graph: PackedGraph
     history: bytes = b""
+    storeys: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -114,6 +120,29 @@ class LoadedMap:
     def n_places(self) -> int:
         """M."""
         return len(self.place_ids)
+
+    @cached_property
+    def storeys(self) -> NDArray[np.int64]:
+        """(M,) the storey of each place in its building, 0 for the lowest; all 0 in a map that no file holds."""
+        found = np.zeros(self.n_places, dtype=np.int64)
+        for stored in self.stored:
+            rows = self.rows_of(stored.name)
+            found[rows] = derived_storeys(stored.graph, self.place_ids[rows]) if stored.storeys is None else stored.storeys
+        return found
+
+    @cached_property
+    def storey_index(self) -> NDArray[np.int32]:
+        """(M,) the number of each place's storey, counted through all buildings: places of one are on one floor."""
+        return separate(self.building_index, self.storeys)
+
+    def same_storey(self, building: str, place_id: str, position: Position) -> bool:
+        """Whether a place of a building is on the storey that a point (m) of that building is on."""
+        rows = self.rows_of(building)
+        storeys = self.storeys[rows]
+        if not storeys.any():
+            return True
+        on = storey_at(np.array(position, dtype=np.float64), self.positions[rows], storeys)
+        return bool(self.storeys[self.row(building, place_id)] == on)
 
     @cached_property
     def index(self) -> ExactSearch:
@@ -264,6 +293,12 @@ class LoadedMap:
             known = ", ".join(self.buildings[:8]) + (", …" if len(self.buildings) > 8 else "")
             raise MapError(f"expected one of the map's buildings: {known or 'none'} (got {building!r})")
         return found
+
+
+def derived_storeys(graph: PackedGraph, place_ids: Sequence[str]) -> tuple[int, ...]:
+    """The storeys of some places of a stored scene graph, from the graph alone."""
+    on = storeys_of(unpack_graph(graph))
+    return tuple(on[id_] for id_ in place_ids)
 
 
 def load(path: str | Path) -> LoadedMap:
