@@ -73,8 +73,10 @@ def reranked(
             if chances is not None:
                 chances[q] = sure.probability[0]
             rest = best[q][~np.isin(best[q], found.rows)]
-            together = np.concatenate([found.rows[sure.order], rest])[: answers.shape[1]]
-            answers[q, : len(together)] = together
+            rows = np.concatenate([found.rows[sure.order], rest])
+            said = sure.answers.probability(verifier.mapped, rows)
+            chosen = np.argsort(-said, kind="stable")[: answers.shape[1]]
+            answers[q, : len(chosen)] = rows[chosen]
     return answers
 
 
