@@ -71,7 +71,7 @@ def reranked(
         if found is not None:
             sure = confidence(found, fragment, verifier.mapped)
             if chances is not None:
-                chances[q] = sure.probability[0]
+                chances[q] = sure.probability.max()
             rest = best[q][~np.isin(best[q], found.rows)]
             rows = np.concatenate([found.rows[sure.order], rest])
             said = sure.answers.probability(verifier.mapped, rows)
@@ -81,8 +81,8 @@ def reranked(
 
 
 def sureness(verifier: LayoutVerifier, found: Verified, fragment: Fragment) -> float:
-    """P(the best place is within the match radius of the robot)."""
-    return float(confidence(found, fragment, verifier.mapped).probability[0])
+    """P(the best place is within the match radius of the robot, and on its storey)."""
+    return float(confidence(found, fragment, verifier.mapped).probability.max())
 
 
 def verified_evidence(

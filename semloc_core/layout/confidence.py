@@ -125,11 +125,15 @@ def confidence(
     right = min(learnt, float(share[0]) * min(in_map, MOST_SURE))
     chance = np.full(len(share), right)
     if len(share) > 1:
-        x = other_figures(found, right, in_map, fragment, mapped)
+        x = other_figures(found.score[found.separate[1:]], right, in_map, perfect(fragment, mapped), len(fragment.classes))
         chance[1:] = 1.0 / (1.0 + np.exp(-np.clip(x @ np.array(calibration.others), -50.0, 50.0)))
         # Likelihoods exaggerate: another answer is at least as likely as they say, but never likelier than the best.
         chance[1:] = np.clip(chance[1:], right * np.exp(found.score[found.separate[1:]] - found.score[0]), right)
-    answers = Answers(found.pose[found.separate], found.storey[found.separate], chance, len(fragment.classes), calibration)
+    poses, n = found.pose[found.separate], len(fragment.classes)
+    # What the best answer's chance was fitted for is its nearest place.
+    nearest = verified.rows[found.nearest(0, mapped, verified.rows)]
+    chance /= max(float(_near(calibration, np.linalg.norm(mapped.positions[nearest] - poses[0])[None], n)[0]), 0.5)
+    answers = Answers(poses, found.storey[found.separate], chance, right, n, calibration)
     probability = answers.probability(mapped, verified.rows)
     return Confidence(probability, in_map, np.lexsort((np.arange(len(probability)), found.off, -probability)), answers)
 
@@ -141,7 +145,8 @@ class Answers:
     Args:
         pose: (A, 3) metres, best first.
         storey: (A,) of the map.
-        chance: (A,) P(the robot is there), as far as the nearest place tested is right.
+        chance: (A,) of each, by which what is near it counts.
+        most: the probability of the best place; no other is believed more.
         n_objects: seen.
         calibration: says how far from there places are right.
 
@@ -150,18 +155,24 @@ class Answers:
     pose: Floats
     storey: Ints
     chance: Floats
+    most: float
     n_objects: int
     calibration: Calibration
 
     def probability(self, mapped: MappedLayout, rows: Ints) -> Floats:
         """(K,) P(right) of (K,) rows of the map, tested or not, each for itself; none more than the best answer's."""
         away = np.linalg.norm(mapped.positions[rows][:, None] - self.pose, axis=2)
-        near = 1.0 / (1.0 + np.exp(-near_figures(away, self.n_objects) @ np.array(self.calibration.near)))
-        # What the best answer's chance was fitted for is its nearest place.
-        near = np.minimum(near / max(float(near[:, 0].max(initial=0.0)), 0.5), 1.0)
+        near = _near(self.calibration, away, self.n_objects)
         near = np.where(mapped.storey[rows][:, None] == self.storey, near, 0.0)
-        chance: Floats = np.round(np.minimum(near @ self.chance, self.chance[0]), 9)
+        chance: Floats = np.round(np.minimum(near @ self.chance, self.most), 9)
         return chance
+
+
+def _near(calibration: Calibration, metres: Floats, n_objects: int) -> Floats:
+    """P(a place is right) so far from where an answer that is right has the robot."""
+    x = near_figures(metres, n_objects) @ np.array(calibration.near)
+    chance: Floats = 1.0 / (1.0 + np.exp(-np.clip(x, -50.0, 50.0)))
+    return chance
 
 
 def near_figures(metres: Floats, n_objects: int) -> Floats:
@@ -170,9 +181,17 @@ def near_figures(metres: Floats, n_objects: int) -> Floats:
     return np.stack([np.ones(metres.shape), metres, n, metres * n], axis=-1)
 
 
-def other_figures(found: Tested, right: float, in_map: float, fragment: Fragment, mapped: MappedLayout) -> Floats:
-    """(A - 1, 1 + len(OTHERS)) one, and the figures of `OTHERS` of each answer but the best."""
-    score = found.score[found.separate[1:]]
+def other_figures(score: Floats, right: float, in_map: float, best_score: float, n_objects: int) -> Floats:
+    """(A, 1 + len(OTHERS)) one, and the figures of `OTHERS` of each answer but the best.
+
+    Args:
+        score: (A,) theirs.
+        right: P(the best one is right).
+        in_map: P(the robot is in the map).
+        best_score: that there could be (`perfect`).
+        n_objects: seen.
+
+    """
     weight = np.exp(SHARPNESS * (score - score.max()))
     n = len(score)
     return np.stack(
@@ -181,8 +200,8 @@ def other_figures(found: Tested, right: float, in_map: float, fragment: Fragment
             np.log(weight / weight.sum()),
             np.full(n, math.log(max(1.0 - right, 1e-4))),
             np.full(n, math.log(max(in_map - right, 1e-4))),
-            score / _perfect(fragment, mapped),
-            np.full(n, math.log(len(fragment.classes))),
+            score / best_score,
+            np.full(n, math.log(n_objects)),
         ],
         axis=1,
     )
@@ -201,7 +220,7 @@ def _features(verified: Verified, fragment: Fragment, mapped: MappedLayout, foun
     return np.array(
         [
             math.log1p(min(max(score - float(rival), 0.0), 20.0)),
-            score / _perfect(fragment, mapped),
+            score / perfect(fragment, mapped),
             math.log(share / (1 - share + 1e-6)),
             math.log(n),
             float(verified.walls[best]) / max(len(fragment.places), 1),
@@ -213,7 +232,7 @@ def _features(verified: Verified, fragment: Fragment, mapped: MappedLayout, foun
     )
 
 
-def _perfect(fragment: Fragment, mapped: MappedLayout) -> float:
+def perfect(fragment: Fragment, mapped: MappedLayout) -> float:
     """The score of what is seen, were each object exactly where the map has it."""
     config = mapped.config
     odds = config.detected / (2 * np.pi * config.spread_m**2) / mapped.invented[fragment.classes]
