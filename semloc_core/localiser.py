@@ -33,6 +33,7 @@ from semloc_core.wire import (
     ModelInfo,
     Odometry,
     PlaceMatches,
+    Position,
     SceneGraphUpdate,
     Status,
     decode_update,
@@ -87,6 +88,10 @@ class Localiser:
     def buildings(self) -> tuple[str, ...]:
         """Names of the buildings that an answer can be in."""
         return self.map.buildings
+
+    def same_storey(self, building: str, place: str, position: Position) -> bool:
+        """As of `LoadedMap.same_storey`, in the map as it is now."""
+        return building in self.map.buildings and self.map.same_storey(building, place, position)
 
     def renewed(self, config: LocaliserConfig | None = None) -> Localiser:
         """Another localiser on the same map, without this one's stream; ``buildings`` are as this map was opened."""

@@ -151,11 +151,7 @@ def _cuts(level: Floats, edges: Ints, least: int) -> list[float]:
             across = ((low >= first) & (low < middle) & (high >= middle) & (high < last)).sum()
             apart = np.median(ordered[middle : middle + least]) - np.median(ordered[middle - least : middle])
             peak = min(density[here[0] : i].max(), density[i + 1 : here[-1] + 1].max())
-            if (
-                apart >= APART_M
-                and valley <= VALLEY * peak
-                and across <= ACROSS * min(middle - first, last - middle)
-            ):
+            if apart >= APART_M and valley <= VALLEY * peak and across <= ACROSS * min(middle - first, last - middle):
                 found.append((valley, cut, middle))
         if found:
             _, cut, middle = min(found)

@@ -17,6 +17,7 @@ MEASURES = {
     "success@10": "success@10",
     "accepted": "accepted (match)",
     "precision": "right of accepted",
+    "wrong_storey": "wrong storey (match)",
     "error_m": "error (m), median",
 }
 """Figure of a row -> what it is called on screen, in this order."""
@@ -66,7 +67,7 @@ def _cell(value: object) -> str:
 
 
 def _calibrated(summary: ReplaySummary) -> str:
-    meaning = f"the chance that the place is within {MATCH_RADIUS_M:g} m"
+    meaning = f"the chance that the place is within {MATCH_RADIUS_M:g} m, on its storey"
     if summary.calibrated == summary.listed:
         return f"calibrated: {meaning}" if summary.listed else "none: no answer lists a place"
     if not summary.calibrated:

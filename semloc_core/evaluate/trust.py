@@ -204,9 +204,7 @@ def strangers(study: Study, judged: Judged) -> list[str]:
     return found
 
 
-def listed(
-    verifier: LayoutVerifier, fragment: Fragment, found: Verified | None, similar: Ints
-) -> tuple[Ints, Floats]:
+def listed(verifier: LayoutVerifier, fragment: Fragment, found: Verified | None, similar: Ints) -> tuple[Ints, Floats]:
     """(N,) rows that an answer lists, best first, and (N,) the probability of each, as a localiser has them.
 
     Args:

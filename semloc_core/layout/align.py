@@ -165,7 +165,13 @@ def _pairs(mapped: MappedLayout, fragment: Fragment, there: There, turn: Complex
     ):
         row[at] = term
     shape = (t, k)
-    return _Pairs(terms.reshape(8, t, k).transpose(1, 0, 2), peak.reshape(shape), higher.reshape(shape), of.reshape(shape), t * n + 1)
+    return _Pairs(
+        terms.reshape(8, t, k).transpose(1, 0, 2),
+        peak.reshape(shape),
+        higher.reshape(shape),
+        of.reshape(shape),
+        t * n + 1,
+    )
 
 
 def _fit(pairs: _Pairs, share: Floats, anchor: float) -> tuple[Complex, Complex]:

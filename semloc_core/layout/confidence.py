@@ -125,7 +125,9 @@ def confidence(
     right = min(learnt, float(share[0]) * min(in_map, MOST_SURE))
     chance = np.full(len(share), right)
     if len(share) > 1:
-        x = other_figures(found.score[found.separate[1:]], right, in_map, perfect(fragment, mapped), len(fragment.classes))
+        x = other_figures(
+            found.score[found.separate[1:]], right, in_map, perfect(fragment, mapped), len(fragment.classes)
+        )
         chance[1:] = 1.0 / (1.0 + np.exp(-np.clip(x @ np.array(calibration.others), -50.0, 50.0)))
         # Likelihoods exaggerate: another answer is at least as likely as they say, but never likelier than the best.
         chance[1:] = np.clip(chance[1:], right * np.exp(found.score[found.separate[1:]] - found.score[0]), right)

@@ -26,8 +26,10 @@ from semloc_core.map_database.records import (
     building_digest,
     building_names,
     content_hash,
+    derived_storeys,
     read_history_bytes,
     read_places,
+    read_storeys,
     unpack_graph,
 )
 from semloc_core.map_database.schema import read
@@ -36,7 +38,7 @@ from semloc_core.map_database.weights import class_weights
 from semloc_core.model import Model
 from semloc_core.place_graph import Batch
 from semloc_core.scene_graph import SceneGraph
-from semloc_core.storeys import separate, storey_at, storeys_of
+from semloc_core.storeys import separate, storey_at
 from semloc_core.wire import Position
 
 logger = logging.getLogger(__name__)
@@ -127,7 +129,9 @@ class LoadedMap:
         found = np.zeros(self.n_places, dtype=np.int64)
         for stored in self.stored:
             rows = self.rows_of(stored.name)
-            found[rows] = derived_storeys(stored.graph, self.place_ids[rows]) if stored.storeys is None else stored.storeys
+            found[rows] = (
+                derived_storeys(stored.graph, self.place_ids[rows]) if stored.storeys is None else stored.storeys
+            )
         return found
 
     @cached_property
@@ -295,12 +299,6 @@ class LoadedMap:
         return found
 
 
-def derived_storeys(graph: PackedGraph, place_ids: Sequence[str]) -> tuple[int, ...]:
-    """The storeys of some places of a stored scene graph, from the graph alone."""
-    on = storeys_of(unpack_graph(graph))
-    return tuple(on[id_] for id_ in place_ids)
-
-
 def load(path: str | Path) -> LoadedMap:
     """Open a map file, read one committed state of it, and close it.
 
@@ -329,7 +327,9 @@ def read_building(connection: sqlite3.Connection, name: str, dimension: int) -> 
     if not places.ids or building_digest(places, frame_id, graph_digest, history) != digest:
         raise MapError(f"expected building {name!r} as it was committed (got other content: the map is damaged)")
     packed = PackedGraph(graph_digest, graph_bytes, data)
-    return StoredBuilding(name, source, frame_id, stamp_ns, len(places.ids), packed, history), places, digest
+    on = read_storeys(connection, key, graph_digest, places.ids)
+    stored = StoredBuilding(name, source, frame_id, stamp_ns, len(places.ids), packed, history, on)
+    return stored, places, digest
 
 
 def read_map(connection: sqlite3.Connection, name: str) -> LoadedMap:
