@@ -174,4 +174,5 @@ def _settled(found: Ints, around: list[Ints], edges: Ints) -> Ints:
     for _ in range(SWEEPS if len(doubt) else 0):
         met = np.stack([np.bincount(a, row[b], len(found)) for row in chance.T], axis=1) + first
         chance[doubt] = met[doubt] / links
-    return np.round(chance, 6).argmax(axis=1).astype(np.int64)
+    settled: Ints = np.round(chance, 6).argmax(axis=1).astype(np.int64)
+    return settled

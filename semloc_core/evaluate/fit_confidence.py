@@ -1,8 +1,8 @@
 """Fits `semloc_core.layout.confidence` on generated buildings: ``python -m semloc_core.evaluate.fit_confidence``.
 
 No real building is read. Homes and offices are drawn, of one storey or several, some of them towers of floors that are
-alike, each mapped once and seen again by a detector of any quality; a robot walks through the second run, and each fragment of its graph is asked in maps of few buildings and of many, with
-its own among them and without.
+alike, each mapped once and seen again by a detector of any quality; a robot walks through the second run, and each
+fragment of its graph is asked in maps of few buildings and of many, with its own among them and without.
 """
 
 from __future__ import annotations

@@ -127,6 +127,7 @@ def study_trust(
         at = steps_at(path.walk, scopes_m)
         asked = path.walk.at(at)
         similarity = metrics.similarity_matrix(embed_walk(model, asked), database)
+        similar = metrics.top(similarity, 2 * LISTED)
         alone, known = similarity.argmax(axis=1), answered(asked)
         fragments = fragments_along(path.walk, at, verifier, np.random.default_rng([seed, number]))
         for k, fragment in enumerate(fragments):
@@ -134,7 +135,7 @@ def study_trust(
             near = arena.right(every, path.building, truth[None], radius_m)[0]
             found = verifier.verify(fragment, similarity[k]) if known[k] else None
             probability, status = _said(verifier, fragment, found)
-            rows, said = listed(verifier, fragment, found, metrics.top(similarity[k], 2 * LISTED))
+            rows, said = listed(verifier, fragment, found, similar[k])
             same = arena.storey[rows[0]] == arena.truth_storeys(path.building, truth[None])[0]
             flat = np.linalg.norm(arena.positions[rows[0], :2] - truth[:2])
             beside = flat <= radius_m and arena.building[rows[0]] == path.building

@@ -24,7 +24,8 @@ def counterfactual(
     """Find few objects whose removal makes another place the top match.
 
     The top match is the search's, by similarity, before any verification by layout. Another place is one in another
-    building, on another storey or farther than the matching radius from the top match: a neighbour of it would be the same answer.
+    building, on another storey or farther than the matching radius from the top match: a neighbour of it would be the
+    same answer.
     Tried in one batch, against all places of the map: every single object, and all objects of each class together;
     only where none of these does it, in a second batch, ever more objects in order of what their own removal costs
     the top match. The fewest win, then the widest margin over the old top match.

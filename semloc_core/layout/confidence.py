@@ -3,9 +3,10 @@
 Right is a place within 4 m of the robot and on its storey. The places tested are a few answers: one is all that lies
 within 4 m, on one storey, of a place that fits better. Each says where the robot would be: where it fits in best, in
 three dimensions. How likely an answer is, `Calibration.right` and `Calibration.others` say; how likely a place is
-then, `Calibration.near`, by how far it lies from there. The log-likelihood ratios of the places tested assume more than is true (objects come in groups, buildings resemble one
-another), so they are not taken at their word: logistic regressions on a few figures say what answers like these were worth on
-generated buildings, at home and abroad (`semloc_core.evaluate.fit_confidence`).
+then, `Calibration.near`, by how far it lies from there. The log-likelihood
+ratios of the places tested assume more than is true (objects come in groups, buildings resemble one another), so they
+are not taken at their word: logistic regressions on a few figures say what answers like these were worth on generated
+buildings, at home and abroad (`semloc_core.evaluate.fit_confidence`).
 """
 
 from __future__ import annotations
@@ -123,7 +124,7 @@ def confidence(
     # Whatever was learnt: of two answers that fit equally well neither is likelier than the other.
     share = found.masses(1.0)[found.separate]
     right = min(learnt, float(share[0]) * min(in_map, MOST_SURE))
-    chance = np.full(len(share), right)
+    chance: Floats = np.ones(len(share)) * right
     if len(share) > 1:
         x = other_figures(
             found.score[found.separate[1:]], right, in_map, perfect(fragment, mapped), len(fragment.classes)
@@ -166,8 +167,8 @@ class Answers:
         away = np.linalg.norm(mapped.positions[rows][:, None] - self.pose, axis=2)
         near = _near(self.calibration, away, self.n_objects)
         near = np.where(mapped.storey[rows][:, None] == self.storey, near, 0.0)
-        chance: Floats = np.round(np.minimum(near @ self.chance, self.most), 9)
-        return chance
+        total: Floats = (near * self.chance).sum(axis=1)
+        return np.round(np.minimum(total, self.most), 9)
 
 
 def _near(calibration: Calibration, metres: Floats, n_objects: int) -> Floats:
@@ -273,7 +274,7 @@ class Tested:
     @classmethod
     def of(cls, verified: Verified, mapped: MappedLayout) -> Tested:
         """Tell the answers of a test apart."""
-        at, on = mapped.positions[verified.rows], mapped.storey[verified.rows]
+        at, on = mapped.positions[verified.rows], mapped.storey[verified.rows].astype(np.int64)
         x, y, z = (np.subtract.outer(axis, axis) for axis in at.T)
         together = (np.sqrt(x * x + y * y + z * z) <= MATCH_RADIUS_M) & np.equal.outer(on, on)
         separate: list[int] = []

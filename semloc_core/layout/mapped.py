@@ -11,8 +11,8 @@ from semloc_core.graph_arrays import Floats, Ints
 from semloc_core.layout.around import Around
 from semloc_core.layout.config import LayoutConfig
 from semloc_core.layout.part import LayoutPart
-from semloc_core.storeys import separate
 from semloc_core.layout.room import Rooms
+from semloc_core.storeys import separate
 
 Ints32 = NDArray[np.int32]
 

@@ -101,7 +101,7 @@ def touch(connection: sqlite3.Connection, key: int, dimension: int, graph: Scene
 def delete_building(connection: sqlite3.Connection, key: int) -> None:
     """Delete a building's rows."""
     for table in ("history", "storeys", "place"):
-        connection.execute(f"DELETE FROM {table} WHERE building = ?", (key,))  # noqa: S608
+        connection.execute(f"DELETE FROM {table} WHERE building = ?", (key,))
     connection.execute("DELETE FROM building WHERE id = ?", (key,))
 
 

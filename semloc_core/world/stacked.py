@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import msgspec
 import numpy as np
@@ -96,7 +97,7 @@ def stack(floors: Sequence[World], stairs: Sequence[tuple[float, float]], rise_m
             way.append(node_id("p", len(places)))
             places.append(Place(way[-1], (float(at[0]), float(at[1]), float(at[2]))))
         way.append(number[k + 1][head])
-        edges += list(zip(way[:-1], way[1:], strict=True))
+        edges += list(pairwise(way))
     graph = SceneGraph.from_update(
         SceneGraphUpdate(
             schema="semloc/scene_graph_update/1",
