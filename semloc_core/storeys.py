@@ -164,7 +164,11 @@ def _settled(found: Ints, around: list[Ints], edges: Ints) -> Ints:
     """(P,) storeys, of places beside stairs by which storey a random walk along the edges meets first."""
     alike = np.array([(found[near] == found[place]).all() for place, near in enumerate(around)])
     sure = np.array([alike[near].all() for near in around])
-    chance = np.eye(found.max() + 1)[found]
+    # A heap of levels that are all mixed, of places at the foot and the head of stairs, is no storey.
+    known = np.unique(found[sure])
+    if len(known) < 2:
+        return np.zeros_like(found)
+    chance = (found[:, None] == known).astype(np.float64)
     first = 1e-6 * chance
     doubt = np.flatnonzero(~sure)
     a, b = np.concatenate([edges, edges[::-1]], axis=1)

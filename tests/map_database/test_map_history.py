@@ -35,6 +35,7 @@ def format_1(path: Path) -> None:
     """The same map as version 1 wrote it."""
     with closing(sqlite3.connect(path, isolation_level=None)) as connection:
         connection.execute("DROP TABLE history")
+        connection.execute("DROP TABLE storeys")
         connection.execute("PRAGMA user_version = 1")
         connection.execute("VACUUM")
 
