@@ -45,11 +45,13 @@ def test_a_few_steps_up_and_a_high_hall_are_one_storey():
     n = len(one)
     beside = np.array([[13 + 14 * i, n + 14 * i] for i in range(14)], dtype=np.int64).T
     edges = np.concatenate([its, own + n, beside], axis=1)
-    assert not storeys(np.concatenate([one, other + [11.2, 0, 0]]), edges).any(), "0.7 m up"
+    assert not storeys(np.concatenate([one, other + np.array([11.2, 0, 0])]), edges).any(), "0.7 m up"
     (hall, own), slope = floor(0.0, 0.1, 3), np.linspace(0.0, 2.5, 14)
     hall[:, 2] += np.tile(slope, 14) + 0.5
     edges = np.concatenate([its, own + n, beside], axis=1)
-    assert not storeys(np.concatenate([one, hall + [11.2, 0, 0]]), edges).any(), "places in the middle of its height"
+    assert not storeys(np.concatenate([one, hall + np.array([11.2, 0, 0])]), edges).any(), (
+        "places in the middle of its height"
+    )
 
 
 def test_a_building_of_few_places_or_none_is_one_storey():

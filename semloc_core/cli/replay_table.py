@@ -6,7 +6,6 @@ from rich.console import Console
 from rich.table import Table
 
 from semloc_core.cli.screen import many, print_whole
-from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.replay import ReplaySummary
 from semloc_core.traversal_score import FROM_METRES
 
@@ -40,7 +39,7 @@ def print_summary(title: str, summary: ReplaySummary, console: Console) -> None:
         for row in summary.rows:
             table.add_column(_stretch(str(row["scope"])), justify="right")
         for figure, name in MEASURES.items():
-            table.add_row(name, *(_cell(row[figure]) for row in summary.rows))
+            table.add_row(name, *(_cell(row.get(figure)) for row in summary.rows))
         print_whole(table, console)
     answers = sum(summary.statuses.values())
     statuses = ", ".join(f"{count} {name} ({count / answers:.0%})" for name, count in summary.statuses.most_common())
@@ -67,7 +66,7 @@ def _cell(value: object) -> str:
 
 
 def _calibrated(summary: ReplaySummary) -> str:
-    meaning = f"the chance that the place is within {MATCH_RADIUS_M:g} m, on its storey"
+    meaning = "the chance that the place is right"
     if summary.calibrated == summary.listed:
         return f"calibrated: {meaning}" if summary.listed else "none: no answer lists a place"
     if not summary.calibrated:
