@@ -124,7 +124,8 @@ def confidence(
     # Whatever was learnt: of two answers that fit equally well neither is likelier than the other.
     share = found.masses(1.0)[found.separate]
     right = min(learnt, float(share[0]) * min(in_map, MOST_SURE))
-    chance: Floats = np.ones(len(share)) * right
+    chance: Floats = np.ones(len(share))
+    chance *= right
     if len(share) > 1:
         x = other_figures(
             found.score[found.separate[1:]], right, in_map, perfect(fragment, mapped), len(fragment.classes)
@@ -135,7 +136,7 @@ def confidence(
     poses, n = found.pose[found.separate], len(fragment.classes)
     # What the best answer's chance was fitted for is its nearest place.
     nearest = verified.rows[found.nearest(0, mapped, verified.rows)]
-    chance /= max(float(_near(calibration, np.linalg.norm(mapped.positions[nearest] - poses[0])[None], n)[0]), 0.5)
+    chance = chance / max(float(_near(calibration, np.linalg.norm(mapped.positions[nearest] - poses[0])[None], n)[0]), 0.5)
     answers = Answers(poses, found.storey[found.separate], chance, right, n, calibration)
     probability = answers.probability(mapped, verified.rows)
     return Confidence(probability, in_map, np.lexsort((np.arange(len(probability)), found.off, -probability)), answers)
@@ -168,7 +169,8 @@ class Answers:
         near = _near(self.calibration, away, self.n_objects)
         near = np.where(mapped.storey[rows][:, None] == self.storey, near, 0.0)
         total: Floats = (near * self.chance).sum(axis=1)
-        return np.round(np.minimum(total, self.most), 9)
+        np.minimum(total, self.most, out=total)
+        return np.round(total, 9)
 
 
 def _near(calibration: Calibration, metres: Floats, n_objects: int) -> Floats:
