@@ -136,7 +136,8 @@ def confidence(
     poses, n = found.pose[found.separate], len(fragment.classes)
     # What the best answer's chance was fitted for is its nearest place.
     nearest = verified.rows[found.nearest(0, mapped, verified.rows)]
-    chance = chance / max(float(_near(calibration, np.linalg.norm(mapped.positions[nearest] - poses[0])[None], n)[0]), 0.5)
+    off = np.linalg.norm(mapped.positions[[nearest]] - poses[0], axis=1)
+    chance = chance / max(float(_near(calibration, off, n)[0]), 0.5)
     answers = Answers(poses, found.storey[found.separate], chance, right, n, calibration)
     probability = answers.probability(mapped, verified.rows)
     return Confidence(probability, in_map, np.lexsort((np.arange(len(probability)), found.off, -probability)), answers)
