@@ -32,7 +32,7 @@ from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
 from semloc_core.poses import TumWriter, matched_pose, quaternion_of, ros_covariance, yaw_of
 from semloc_core.run import Run, decode_truth
-from semloc_core.traversal_score import LatencyHistogram, TraversalScore
+from semloc_core.traversal_score import LatencyHistogram, SameStorey, TraversalScore
 from semloc_core.truth import TOLERANCE_S, TruthMatcher
 
 logger = logging.getLogger(__name__)
@@ -122,7 +122,7 @@ def replay(
     """
     localiser = map_ if isinstance(map_, Localiser) else Localiser(map_, config)
     left_out = set(localiser.map.all_buildings) - set(localiser.buildings)
-    score = TraversalScore(localiser.buildings, sorted(left_out))
+    score = TraversalScore(localiser.buildings, sorted(left_out), localiser.same_storey)
     labels = localiser.labels
     reading = labels.reading if labels is not None else Reading(known=localiser.map.model.labelspace)
     recorded = Run(run, topic=topic, robot=robot, truth_topic=truth_topic, reading=reading)
@@ -215,16 +215,19 @@ def _localise(localiser: Localiser, text: str, received_ns: int, counts: Counter
     return Answer(result.matches, result.attributions, result.evidence)
 
 
-def score_results(results: Path, buildings: list[str], topic: str = MATCHES_TOPIC) -> list[dict[str, object]]:
+def score_results(
+    results: Path, buildings: list[str], topic: str = MATCHES_TOPIC, same_storey: SameStorey | None = None
+) -> list[dict[str, object]]:
     """Score a recorded bag of answers (a replay's, or the node's as recorded with its ground truth).
 
     Args:
         results: the bag.
         buildings: names of the map's buildings.
         topic: where the matches are.
+        same_storey: of the map; None for a map of one storey a building.
 
     """
-    score = TraversalScore(buildings)
+    score = TraversalScore(buildings, same_storey=same_storey)
     matcher: TruthMatcher[wire.PlaceMatches] = TruthMatcher(waiting=_WAITING)
     for message in read_messages(results, topics=[topic, GROUND_TRUTH_TOPIC]):
         if message.topic == GROUND_TRUTH_TOPIC:

@@ -87,13 +87,15 @@ def reranked(
         if found is not None:
             sure = confidence(found, fragment, verifier.mapped)
             if chances is not None:
-                chances[q] = sure.probability[0]
+                chances[q] = sure.probability.max()
             rest = best[q][~np.isin(best[q], found.rows)]
-            together = np.concatenate([found.rows[sure.order], rest])[: answers.shape[1]]
-            answers[q, : len(together)] = together
+            rows = np.concatenate([found.rows[sure.order], rest])
+            said = sure.answers.probability(verifier.mapped, rows)
+            chosen = rows[np.argsort(-said, kind="stable")[: answers.shape[1]]]
+            answers[q, : len(chosen)] = chosen
             if places is not None:
-                best_row = int(together[0])
-                placing = placed(verifier.mapped, fragment, found, together.tolist()).get(best_row)
+                best_row = int(chosen[0])
+                placing = placed(verifier.mapped, fragment, found, chosen.tolist()).get(best_row)
         if places is not None:
             places.append(placing)
     return answers
@@ -106,8 +108,8 @@ def add_error(errors: PoseErrors, placing: Placed | None, fragment: Fragment, tr
 
 
 def sureness(verifier: LayoutVerifier, found: Verified, fragment: Fragment) -> float:
-    """P(the best place is within the match radius of the robot)."""
-    return float(confidence(found, fragment, verifier.mapped).probability[0])
+    """P(the best place is within the match radius of the robot, and on its storey)."""
+    return float(confidence(found, fragment, verifier.mapped).probability.max())
 
 
 def verified_evidence(
