@@ -42,9 +42,7 @@ def replay(
     ] = None,
     tum: Annotated[
         Path | None,
-        typer.Option(
-            "--tum", metavar="FILE", help="Write the poses of matches as TUM files, one a building."
-        ),
+        typer.Option("--tum", metavar="FILE", help="Write the poses of matches as TUM files, one a building."),
     ] = None,
     topic: TopicOption = None,
     robot: RobotOption = None,
