@@ -120,9 +120,8 @@ class Reranker:
 
         """
         verifier = self._verifier
-        fragment = fragment_of_graph(
-            graph, self._labelspace, place, verifier.config, ages, ages.drift if ages else None
-        )
+        drift = None if ages is None else ages.drift
+        fragment = fragment_of_graph(graph, self._labelspace, place, verifier.config, ages, drift)
         found = verifier.verify(fragment, similarity)
         if found is None:
             return None

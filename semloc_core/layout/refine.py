@@ -26,7 +26,7 @@ from semloc_core.layout.there import Complex, around_rows
 
 REACH_M = 1.5
 """Pairs that are further apart at the pose to begin with are none."""
-SPREADS_M = (0.5, 0.3, 0.2, 0.0, 0.0, 0.0)
+SPREADS_M = (0.4, 0.25, 0.0, 0.0)
 """The least spread in each round of expectation–maximisation."""
 USUAL_M = 0.15
 """Standard deviation of an object, per axis, before its fellows' residuals are known."""
