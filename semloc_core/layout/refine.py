@@ -28,14 +28,16 @@ REACH_M = 1.5
 """Pairs that are further apart at the pose to begin with are none."""
 SPREADS_M = (0.4, 0.25, 0.0, 0.0)
 """The least spread in each round of expectation–maximisation."""
-USUAL_M = 0.15
+USUAL_M = 0.12
 """Standard deviation of an object, per axis, before its fellows' residuals are known."""
-USUAL_WEIGHT = 4.0
+USUAL_WEIGHT = 1.5
 """So many objects' residuals that is worth."""
-LEAST_M, MOST_M = 0.03, 0.5
+LEAST_M, MOST_M = 0.01, 0.5
 """Bounds of the spread."""
 FREEDOM = 4
-"""Degrees of freedom of the errors' Student-t distribution; the powers below are written for it."""
+"""Degrees of freedom of the errors' Student-t distribution; even."""
+DOUBT_WEIGHT = 2.0
+"""So many objects' residuals speak for information being what it would be of Student-t errors."""
 DRIFTS = (0.0, 1.0)
 """Drifts that are tried where it is not known, as variances: 1 is that of `TURN_RAD` and `SHIFT_M`."""
 CAUTION = 2.0
@@ -46,7 +48,7 @@ WIDE = np.diag([1.0, 1.0, 1.0])
 """Covariance of what is known before any object is looked at, x, y (m) and yaw."""
 HEIGHT_M = 0.5
 """Standard deviation of the robot's place over the map's: both are of one storey."""
-FLOOR = np.array([0.01, 0.01, 0.01, np.radians(0.1)]) ** 2
+FLOOR = np.array([0.004, 0.004, 0.004, np.radians(0.06)]) ** 2
 """Variances that nothing is known better than."""
 
 
@@ -102,11 +104,16 @@ def refine(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats
         turn, at = fit(pairs, weight, 1e-9)
         # A Student-t's own estimate of its spread but for drift, three of the residuals' directions spent on the pose.
         own = variance / spread
-        total = (share * own * (1.5 * near * own * pairs.squares(turn, at) + 2 * drifted)).sum(axis=1)
+        total = (share * own * ((1 + 2 / FREEDOM) * near * own * pairs.squares(turn, at) + 2 * drifted)).sum(axis=1)
         found = (total + known) / np.maximum(2 * (share.sum(axis=1) + USUAL_WEIGHT) - 3.0, 1.0)
         variance = np.clip(found, max(least, LEAST_M) ** 2, MOST_M**2)[:, None]
     share, near, gained = _shares(pairs, peak, turn, at, variance + drifted)
-    moved, covariance = _settled(pairs, share * near, variance, age, unrest, drifts, turn, at)
+    # Information as the residuals have it, not as a Student-t would (a sandwich estimate, but for one number a pose).
+    told = share * near / (variance + drifted) * variance
+    seen = (told * told * pairs.squares(turn, at)).sum(axis=1) / variance[:, 0]
+    doubt = (seen + DOUBT_WEIGHT) / np.maximum(told.sum(axis=1) + DOUBT_WEIGHT - 1.0, 1.0)
+    weight = share * near / doubt[:, None]
+    moved, covariance = _settled(pairs, weight, variance, age, unrest, drifts, turn, at)
     turn, at = turn * np.exp(1j * moved[:, 2]), at + moved[:, 0] + 1j * moved[:, 1]
     up, above = _height(pairs, share, variance)
     # The prior of the spread speaks for a drift too.
@@ -147,7 +154,7 @@ def _together(
 def _shares(pairs: Pairs, peak: Floats, turn: Complex, at: Complex, variance: Floats) -> tuple[Floats, Floats, Floats]:
     """(D, K) probability of each pair and the closeness of its two, in (0, 1]; (D,) log-likelihood ratio."""
     near = 1.0 / (1.0 + np.maximum(pairs.squares(turn, at), 0.0) / (FREEDOM * variance))
-    odds = peak * near**3 / variance
+    odds = peak * near ** (FREEDOM // 2 + 1) / variance
     total = pairs.by_seen(odds) + 1.0
     gained = np.log(total[:-1]).reshape(len(turn), -1).sum(axis=1)
     return odds / total[pairs.at], near, gained
