@@ -27,7 +27,8 @@ LEAST = 5
 def status_rows(study: Study) -> list[Row]:
     """By metres walked: how many answers are right, what each status's share of the answers is, and how often right.
 
-    The errors of the pose (`PoseErrors.figures`) are those of right answers. Rows of scope ``foreign …``: the same shares with the robot's building left out of the map.
+    The errors of the pose (`PoseErrors.figures`) are those of right answers. Rows of scope ``foreign …``: the same
+    shares with the robot's building left out of the map.
     """
     rows: list[Row] = []
     for scope in _scopes(study):
@@ -45,7 +46,8 @@ def status_rows(study: Study) -> list[Row]:
         for judged in answers:
             if judged.right:
                 add_error(errors, judged.placing, judged.fragment, judged.truth, judged.yaw)
-        rows.append(row | errors.figures())
+        row |= errors.figures()
+        rows.append(row)
     if len(study.arena.maps) < 2:
         return rows
     for scope in _scopes(study):

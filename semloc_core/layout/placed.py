@@ -133,7 +133,8 @@ def placed(
 
 def _different(poses: list[int], at: Floats, building: Ints, heading: Floats) -> Ints:
     """The first of some aligned poses, `MOST` at most, none like one before it."""
-    left, chosen = np.array(list(dict.fromkeys(poses))), []
+    left = np.array(list(dict.fromkeys(poses)))
+    chosen: list[int] = []
     while len(left) and len(chosen) < MOST:
         chosen.append(int(left[0]))
         alike = np.cos(heading[left] - heading[left[0]]) >= math.cos(SAME_RAD)
