@@ -9,6 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core.ages import Ages
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.layout import LayoutPart, LayoutVerifier, Verified, fragment_of_graph
 from semloc_core.layout.confidence import confidence
@@ -104,7 +105,7 @@ class Reranker:
         similarity: NDArray[np.float32],
         raw: Ints,
         top_n: int,
-        age: Callable[[str], float] | None = None,
+        ages: Ages | None = None,
     ) -> Reranked | None:
         """Test the likeliest places of the map for one place of a graph.
 
@@ -114,14 +115,15 @@ class Reranker:
             similarity: (M,) of the place's embedding to all places of the map.
             raw: rows of the search's answer, best first: they follow what was tested.
             top_n: how many places to list.
-            age: metres walked since an object last changed, by its id; None: all are new.
+            ages: of the graph's objects; None: all are new.
 
         Returns:
             The answer; None where no object around the robot fits anything in the map.
 
         """
         verifier = self._verifier
-        fragment = fragment_of_graph(graph, self._labelspace, place, verifier.config, age)
+        drift = None if ages is None else ages.drift
+        fragment = fragment_of_graph(graph, self._labelspace, place, verifier.config, ages, drift)
         found = verifier.verify(fragment, similarity)
         if found is None:
             return None

@@ -51,7 +51,9 @@ def fragments_along(walk: Walk, steps: Ints, verifier: LayoutVerifier, rng: np.r
     frame, found = any_frame(rng), []
     for step in steps.tolist():
         part, place = walk.part(step)
-        found.append(fragment_of_arrays(written_in(frame, part), place, verifier.config, walk.ages(step)))
+        found.append(
+            fragment_of_arrays(written_in(frame, part), place, verifier.config, walk.ages(step), walk.drift(step))
+        )
     return found
 
 

@@ -19,7 +19,7 @@ from semloc_core.evaluate import metrics
 from semloc_core.evaluate.fragments import answered, embed_walk, stars_along
 from semloc_core.evaluate.online_answers import OnlineWalk, make_walks, steps_at
 from semloc_core.evaluate.relocalise import Arena, fitted, make_arena, read_buildings
-from semloc_core.evaluate.reranked import fragments_along, layout_verifier
+from semloc_core.evaluate.reranked import any_frame, fragments_along, layout_verifier
 from semloc_core.evaluate.rows import Progress, Row, no_progress
 from semloc_core.evaluate.walks import WalkConfig
 from semloc_core.explain.explainers import explain
@@ -28,6 +28,7 @@ from semloc_core.graph_arrays import Floats, Ints
 from semloc_core.labelspace import union
 from semloc_core.layout import Fragment, LayoutVerifier, Verified
 from semloc_core.layout.confidence import confidence
+from semloc_core.layout.placed import Placed, placed
 from semloc_core.model import Model, embed_graph
 from semloc_core.posterior import IN_MAP
 
@@ -62,6 +63,8 @@ class Judged:
         status: as a localiser with the default options says it.
         abroad: the same two with the robot's building left out of the map.
         step: of its walk.
+        placing: where the robot's frame lies by the best place; None where nothing was tested.
+        yaw: how that frame truly is turned against the building's, radians.
 
     """
 
@@ -82,6 +85,8 @@ class Judged:
     status: str
     abroad: tuple[float, str]
     step: int
+    placing: Placed | None = None
+    yaw: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +135,7 @@ def study_trust(
         similar = metrics.top(similarity, 2 * LISTED)
         alone, known = similarity.argmax(axis=1), answered(asked)
         fragments = fragments_along(path.walk, at, verifier, np.random.default_rng([seed, number]))
+        turned = any_frame(np.random.default_rng([seed, number])).yaw
         for k, fragment in enumerate(fragments):
             truth = asked.truth()[k]
             near = arena.right(every, path.building, truth[None], radius_m)[0]
@@ -161,10 +167,19 @@ def study_trust(
                     status=status,
                     abroad=_said(verifier, fragment, abroad),
                     step=int(at[k]),
+                    placing=_placing(verifier, fragment, found),
+                    yaw=-(turned + path.walk.frame(int(at[k])).yaw),
                 )
             )
     progress(len(paths), len(paths), "done")
     return Study(arena, model, verifier, paths, answers, radius_m)
+
+
+def _placing(verifier: LayoutVerifier, fragment: Fragment, found: Verified | None) -> Placed | None:
+    if found is None:
+        return None
+    best = int(found.rows[0])
+    return placed(verifier.mapped, fragment, found, [best]).get(best)
 
 
 def _said(verifier: LayoutVerifier, fragment: Fragment, found: Verified | None) -> tuple[float, str]:

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from semloc_core.evaluate import metrics
 from semloc_core.evaluate.calibration import BINS, expected_calibration_error
+from semloc_core.evaluate.reranked import add_error
 from semloc_core.evaluate.rows import Row
 from semloc_core.evaluate.trust import Judged, Study, strangers
 from semloc_core.graph_arrays import Floats
+from semloc_core.pose_error import PoseErrors
 
 STATUSES = ("match", "ambiguous", "unknown")
 THRESHOLDS = (0.5, 0.8, 0.9)
@@ -27,7 +29,8 @@ LEAST = 5
 def status_rows(study: Study) -> list[Row]:
     """By metres walked: how many answers are right, what each status's share of the answers is, and how often right.
 
-    Rows of scope ``foreign …``: the same shares with the robot's building left out of the map.
+    The errors of the pose (`PoseErrors.figures`) are those of right answers. Rows of scope ``foreign …``: the same
+    shares with the robot's building left out of the map.
     """
     rows: list[Row] = []
     for scope in _scopes(study):
@@ -46,6 +49,11 @@ def status_rows(study: Study) -> list[Row]:
         row |= {
             f"ece_{name}": expected_calibration_error(*said_and_so(answers, ranks)) for name, ranks in RANKED.items()
         }
+        errors = PoseErrors()
+        for judged in answers:
+            if judged.right:
+                add_error(errors, judged.placing, judged.fragment, judged.truth, judged.yaw)
+        row |= errors.figures()
         rows.append(row)
     if len(study.arena.maps) < 2:
         return rows
