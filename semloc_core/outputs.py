@@ -164,8 +164,9 @@ def _check_apart(outputs: Sequence[Output]) -> None:
         clash = next((bag for folder, bag in bags if bag is not one and Path(name).is_relative_to(folder)), None)
         if one.kind != FOLDER:
             for key in (name, _identity(one.path)):
-                clash = clash or (names.setdefault(key, one) if key is not None else None)
-        if clash is not None and clash is not one:
+                if key is not None and names.setdefault(key, one) is not one:
+                    clash = names[key]
+        if clash is not None:
             raise ConfigError(
                 f"expected {clash.name} and {one.name} to be files of their own (got {one.path} for both)"
             )

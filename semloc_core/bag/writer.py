@@ -211,6 +211,10 @@ class BagWriter:
                 partial.replace(self._folder / "metadata.yaml")
             if self._aside is not None and whole:
                 publish(self._aside, self.path)
+        except FileExistsError as error:
+            raise BagError(
+                f"expected to replace {self.path} (got one that another process has written meanwhile)"
+            ) from error
         except OSError as error:
             raise BagError(f"expected room for a bag at {self.path} (got {error})") from error
         finally:
