@@ -20,6 +20,7 @@ from semloc_core.explain.intrinsic import intrinsic_scores
 from semloc_core.explain.scores import class_scores
 from semloc_core.map_database.loaded import LoadedMap
 from semloc_core.place_graph import extract
+from semloc_core.short_repr import short_repr
 from semloc_core.visibility import Visibility
 
 Floats = NDArray[np.float64]
@@ -59,6 +60,7 @@ def jensen_shannon(p: Floats, q: Floats) -> tuple[float, Floats]:
     return float(np.sqrt(min(1.0, parts.sum()))), parts
 
 
+@short_repr
 @dataclass(frozen=True)
 class Shift:
     """How far a live mix is from the map's.

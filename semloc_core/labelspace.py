@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from semloc_core.errors import LabelspaceError
 from semloc_core.labelspace_files import read_labelspace_file, read_synonyms_file, shipped_path
 from semloc_core.labelspace_files import shipped_labelspaces as shipped_labelspaces
+from semloc_core.short_repr import short_repr
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 LARGEST_ID = 2**32 - 1  # Hydra's semantic_label is an unsigned 32-bit integer
 
 
+@short_repr
 @dataclass(frozen=True)
 class Labelspace:
     """An ordered set of class names.

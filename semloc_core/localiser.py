@@ -22,6 +22,7 @@ from semloc_core.name_counter import NameCounter
 from semloc_core.posterior import CANDIDATES, IN_MAP, Ranking, modes, place_probabilities
 from semloc_core.radius_index import RadiusIndex
 from semloc_core.reranker import Reranked, Reranker, verifier_of
+from semloc_core.short_repr import short_repr
 from semloc_core.stream import Outcome, UpdateStream
 from semloc_core.surroundings import Surroundings
 from semloc_core.tracker import Tracker
@@ -41,6 +42,7 @@ from semloc_core.wire import (
 __all__ = ["EXPLAINER_SEED", "Localisation", "Localiser", "Located", "Query"]
 
 
+@short_repr
 @dataclass(eq=False)
 class Localiser:
     """Localises one robot in one map. Not thread-safe, but what it returns may be read by any thread.

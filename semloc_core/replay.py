@@ -30,6 +30,7 @@ from semloc_core.config import LocaliserConfig
 from semloc_core.errors import BagError, GraphError, MessageError
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
+from semloc_core.short_repr import short_repr
 from semloc_core.traversal_score import LatencyHistogram, TraversalScore
 
 logger = logging.getLogger(__name__)
@@ -41,6 +42,7 @@ MATCHES_TOPIC = "/localiser/matches"
 ATTRIBUTIONS_TOPIC = "/localiser/attributions"
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Answer:
     """One answer of a replay, for whoever shows progress."""
@@ -49,6 +51,7 @@ class Answer:
     attributions: wire.ClassAttributions | None
 
 
+@short_repr
 @dataclass(eq=False)
 class ReplaySummary:
     """What a replay came to.

@@ -27,6 +27,7 @@ from semloc_core.bag import (
 from semloc_core.errors import BagError, GraphError, MessageError
 from semloc_core.messages import Position, SceneGraphUpdate
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 from semloc_core.stream import Outcome, UpdateStream
 
 _LOG = logging.getLogger(__name__)
@@ -46,6 +47,7 @@ class RecordedStep(Protocol):
         """Its true position in the update's frame."""
 
 
+@short_repr
 class RunItem(NamedTuple):
     """One update of a run, as text (it may be malformed).
 

@@ -24,6 +24,7 @@ from semloc_core.graph_arrays import Floats, GraphArrays
 from semloc_core.labelspace import Labelspace, load_labelspace
 from semloc_core.layout import LayoutVerifier
 from semloc_core.layout.confidence import FEATURES, Calibration, features
+from semloc_core.short_repr import short_repr
 from semloc_core.training.config import PerturbConfig
 from semloc_core.training.perturb import perturb
 from semloc_core.whole_file import write_whole
@@ -44,6 +45,7 @@ PENALTY = 0.3
 Bools = NDArray[np.bool_]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Examples:
     """N answers.

@@ -14,11 +14,13 @@ from semloc_core.evaluate.relocalise import Arena
 from semloc_core.evaluate.walks import Walk, WalkConfig, walk
 from semloc_core.graph_arrays import Floats, Ints
 from semloc_core.sequence import MapModel, PlaceFilter, map_model
+from semloc_core.short_repr import short_repr
 
 Bools = NDArray[np.bool_]
 Similarities = NDArray[np.float32]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class OnlineWalk:
     """A walk, and the building (an index) that it is in."""

@@ -28,12 +28,14 @@ from semloc_core.labelspace import Labelspace, union
 from semloc_core.layout import fragment_of_arrays
 from semloc_core.model import Model, embed_graph
 from semloc_core.place_graph import extract_all
+from semloc_core.short_repr import short_repr
 from semloc_core.training.config import TrainConfig
 from semloc_core.training.loop import Report, train
 
 BASELINES = ("bag_of_words", "tfidf", "histogram", "rings")
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Building:
     """A building mapped and seen again."""
@@ -43,6 +45,7 @@ class Building:
     query: HydraFile
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Arena:
     """All buildings as arrays in one labelspace; the database is the places of all maps, building by building.

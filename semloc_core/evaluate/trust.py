@@ -29,6 +29,7 @@ from semloc_core.layout import Fragment, LayoutVerifier, Verified
 from semloc_core.layout.confidence import confidence
 from semloc_core.model import Model, embed_graph
 from semloc_core.posterior import IN_MAP
+from semloc_core.short_repr import short_repr
 
 SCOPES_M = (0.0, 2.5, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 40.0)
 STRANGER_M = 2.0
@@ -37,6 +38,7 @@ NAMED = 3
 """Classes that are named as what speaks for either place."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Judged:
     """One answer.
@@ -73,6 +75,7 @@ class Judged:
     step: int
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Study:
     """All answers, and what they were given from."""

@@ -13,6 +13,7 @@ from semloc_core.evaluate.calibration import BINS
 from semloc_core.evaluate.rows import Row
 from semloc_core.evaluate.trust import Judged, Study, strangers
 from semloc_core.graph_arrays import Floats
+from semloc_core.short_repr import short_repr
 
 STATUSES = ("match", "ambiguous", "unknown")
 THRESHOLDS = (0.5, 0.8, 0.9)
@@ -131,6 +132,7 @@ def reliability_points(answers: Sequence[Judged], seed: int = 0) -> list[tuple[f
     return points
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Laid:
     """A wrong answer, ready to be drawn; all in metres, each in its building's frame.

@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from semloc_core.errors import GraphError
 from semloc_core.graph_arrays import Floats, GraphArrays, Ints
+from semloc_core.short_repr import short_repr
 
 Bools = NDArray[np.bool_]
 
@@ -42,6 +43,7 @@ class WalkConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     ] = 0.0
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Walk:
     """T steps from place to neighbouring place.

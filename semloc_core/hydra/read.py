@@ -26,6 +26,7 @@ from semloc_core.hydra.format import (
 from semloc_core.hydra.write import Room
 from semloc_core.labelspace import Labelspace, labelspace_from_hydra
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
 
 FRAME_ID = "map"  # Hydra's; the files do not name theirs
@@ -55,6 +56,7 @@ class AgentPose:
     place: str | None = None
 
 
+@short_repr
 @dataclass(frozen=True)
 class HydraFile:
     """What a file holds.

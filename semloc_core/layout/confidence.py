@@ -22,6 +22,7 @@ from semloc_core.graph_arrays import Floats, Ints
 from semloc_core.layout.fragment import Fragment
 from semloc_core.layout.mapped import MappedLayout
 from semloc_core.layout.verifier import Verified
+from semloc_core.short_repr import short_repr
 
 FEATURES = (
     "margin",
@@ -40,6 +41,7 @@ CLIP = 3.0
 """Features count up to so many standard deviations from the mean: beyond, nothing was learnt."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Confidence:
     """What may be believed of a verified answer.

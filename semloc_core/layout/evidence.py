@@ -14,8 +14,10 @@ from semloc_core.layout.mapped import MappedLayout
 from semloc_core.layout.seen import expected_each
 from semloc_core.layout.there import around_rows
 from semloc_core.layout.verifier import Verified
+from semloc_core.short_repr import short_repr
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """The score of one place, taken apart: a sum, so each part is exactly what it adds.

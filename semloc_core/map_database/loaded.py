@@ -36,10 +36,12 @@ from semloc_core.map_database.weights import class_weights
 from semloc_core.model import Model
 from semloc_core.place_graph import Batch
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 
 logger = logging.getLogger(__name__)
 
 
+@short_repr
 @dataclass(frozen=True)
 class StoredBuilding:
     """One building: its source, frame, when it was made (ns, or None), packed scene graph and history."""
@@ -53,6 +55,7 @@ class StoredBuilding:
     history: bytes = b""
 
 
+@short_repr
 @dataclass(frozen=True)
 class Whole:
     """The map that a part was taken from: what is published of it, and what its classes weigh.
@@ -71,6 +74,7 @@ class Whole:
     buildings: tuple[str, ...] = ()
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class LoadedMap:
     """All places of all buildings, buildings by name and places by id within each.

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from semloc_core.errors import GraphError, MapError, MessageError
 from semloc_core.map_database.history import History, unpack_history
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 from semloc_core.wire import decode_update, encode
 
 F = TypeVar("F", np.float32, np.float64)
@@ -29,6 +30,7 @@ MAX_NAME_LENGTH = 1024
 MAX_BUILDINGS = 100_000
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class PlaceRows:
     """Places of one building, by rising id.
@@ -66,6 +68,7 @@ class Note(TypedDict, total=False):
     stamp_ns: int | None
 
 
+@short_repr
 @dataclass(frozen=True)
 class PackedGraph:
     """A building's scene graph: a full ``scene_graph_update`` in JSON, compressed by zlib."""

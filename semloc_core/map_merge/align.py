@@ -24,6 +24,7 @@ from semloc_core.errors import MapError
 from semloc_core.graph_arrays import Floats, Ints
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.transform import Transform, fit_transform
+from semloc_core.short_repr import short_repr
 
 START_GATE_M = 2.0
 VERTICAL_GATE_M = 1.0
@@ -36,6 +37,7 @@ MOST_PAIRS = 1_000_000
 _AT_ONCE = 256
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Objects and places to be laid on each other.
@@ -56,6 +58,7 @@ class Scene:
     area: float
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Alignment:
     """A transform from the traversal's frame into the building's, and what speaks for it.

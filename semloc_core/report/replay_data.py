@@ -28,6 +28,7 @@ from semloc_core.errors import BagError, MapError
 from semloc_core.evaluate.rows import Row
 from semloc_core.map_database.loaded import LoadedMap
 from semloc_core.report.thinned import Thinned
+from semloc_core.short_repr import short_repr
 from semloc_core.traversal_score import LatencyHistogram, TraversalScore, right_matches
 
 T = TypeVar("T")
@@ -39,6 +40,7 @@ _WAITING = 100
 """Answers that wait for their true position at most."""
 
 
+@short_repr
 @dataclass(frozen=True)
 class Point:
     """One answer, as drawn.
@@ -61,6 +63,7 @@ class Point:
     latency_ms: float | None
 
 
+@short_repr
 @dataclass(frozen=True)
 class Attributed:
     """Shares of classes in one answer (they sum to 1), and how many objects of each class had a part in it."""
@@ -70,6 +73,7 @@ class Attributed:
     instances: dict[str, int]
 
 
+@short_repr
 @dataclass
 class WrongPlace:
     """A place of the map that was the top match where it should not have been.
@@ -94,6 +98,7 @@ class WrongPlace:
         return self.error_m / same if same else None
 
 
+@short_repr
 @dataclass
 class ReplayData:
     """What a replay's report shows; every list is bounded, whatever the bag's length.
