@@ -12,6 +12,7 @@ from rich.text import Text
 from semloc_core.cli.screen import console, cut, print_whole
 from semloc_core.explain.layout_scores import LAYOUT
 from semloc_core.messages import Counterfactual, Explanation, MethodAttributions, PlaceMatches, WhyNot, WithoutClass
+from semloc_core.percent import percent
 
 CLASSES = 8
 """Classes printed at most; the JSON has all."""
@@ -79,7 +80,7 @@ def print_explanation(explanation: Explanation, published: float | None = None) 
 
 def _print_methods(order: Sequence[MethodAttributions], of: str) -> None:
     best = order[0]
-    most = ", ".join(f"{found.class_} {math.copysign(found.share, found.score):.0%}" for found in best.classes[:4])
+    most = ", ".join(f"{found.class_} {percent(math.copysign(found.share, found.score))}" for found in best.classes[:4])
     head("WHY", f"{most}: so says {best.method}, {_rank_of(order)}")
     line(of)
     table = _columns(("class", "left"), ("objects", "right"))
@@ -87,7 +88,7 @@ def _print_methods(order: Sequence[MethodAttributions], of: str) -> None:
         table.add_column(said.method.replace("_", "\n"), justify="right")
     shares = [{of.class_: math.copysign(of.share, of.score) for of in said.classes} for said in order]
     for found in best.classes[:CLASSES]:
-        cells = [f"{share[found.class_]:.1%}" if found.class_ in share else "–" for share in shares]
+        cells = [percent(share[found.class_], 1) if found.class_ in share else "–" for share in shares]
         table.add_row("", found.class_, str(found.instances), *cells)
     if any(said.fidelity is not None for said in order):
         held = [f"{said.fidelity.characterisation:.3f}" if said.fidelity else "–" for said in order]
@@ -147,7 +148,7 @@ def _print_what_if(
     said = [_without([of]) for of in without if of not in idle] + ([_without(idle)] if idle else [])
     tested = [one for one in order if one.fidelity is not None and one.classes][:1]
     if tested and (fidelity := tested[0].fidelity) is not None:
-        put = f"the {fidelity.budget:.0%} of the objects that {tested[0].method} puts first"
+        put = f"the {percent(fidelity.budget)} of the objects that {tested[0].method} puts first"
         said.append(f"without {put}")
         said.append(f"  the similarity, on a scale from 0 to 1, changes by {fidelity.necessity:.3f}")
         said.append(f"with them alone, by {fidelity.sufficiency:.3f}")

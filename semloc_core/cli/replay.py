@@ -10,6 +10,7 @@ import typer
 from semloc_core.cli.common import Json, SynonymsOption, console, join_synonyms, note, write_json
 from semloc_core.cli.foreign_classes import report_unknown_classes
 from semloc_core.config import LocaliserConfig, checked, options
+from semloc_core.percent import percent
 
 if TYPE_CHECKING:
     from semloc_core.localiser import Localiser
@@ -121,7 +122,7 @@ def _line(answer: object, seconds: float) -> str:
     matches, why = answer.matches, ""
     if answer.attributions is not None and matches.status != "unknown":
         named = [c for c in answer.attributions.classes[:4] if c.share >= 0.005]
-        why = "  because " + ", ".join(f"{c.class_} {c.share:.0%}" for c in named)
+        why = "  because " + ", ".join(f"{c.class_} {percent(c.share)}" for c in named)
     if not matches.matches:
         return f"{seconds:7.1f} s  {matches.status}"
     best = matches.matches[0]

@@ -7,6 +7,7 @@ from rich.table import Table
 
 from semloc_core.cli.screen import many, print_whole
 from semloc_core.config import MATCH_RADIUS_M
+from semloc_core.percent import percent
 from semloc_core.replay import ReplaySummary
 from semloc_core.traversal_score import FROM_METRES
 
@@ -42,7 +43,8 @@ def print_summary(title: str, summary: ReplaySummary, console: Console) -> None:
             table.add_row(name, *(_cell(row[figure]) for row in summary.rows))
         print_whole(table, console)
     answers = sum(summary.statuses.values())
-    statuses = ", ".join(f"{count} {name} ({count / answers:.0%})" for name, count in summary.statuses.most_common())
+    counts = summary.statuses.most_common()
+    statuses = ", ".join(f"{count} {name} ({percent(count / answers)})" for name, count in counts)
     for name, text in (
         ("status", f"{statuses or 'no answer'}, of {many(summary.updates, 'update')}"),
         ("probability", _calibrated(summary)),

@@ -48,6 +48,13 @@ def test_what_the_probabilities_are_worth_is_said() -> None:
     assert any("no answer lists a place" in line for line in printed(summary(listed=0, calibrated=0)))
 
 
+def test_one_answer_of_many_is_not_none_of_them_and_the_others_are_not_all() -> None:
+    statuses = Counter(match=240, ambiguous=1)
+    assert "status             240 match (>99%), 1 ambiguous (<1%), of 241 updates" in printed(
+        summary(statuses=statuses, updates=241)
+    )
+
+
 def test_without_a_ground_truth_the_rest_is_still_said() -> None:
     lines = printed(summary())
     assert [line.split()[0] for line in lines] == ["run.mcap", "status", "probability", "latency"]
