@@ -27,6 +27,7 @@ from semloc_core.observation import (
 from semloc_core.radius_index import RadiusIndex
 from semloc_core.scene_graph import SceneGraph
 from semloc_core.short_repr import short_repr
+from semloc_core.storeys import storeys_of
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int64]
@@ -107,7 +108,7 @@ class MapModel:
 
     Args:
         neighbourhoods: by geodesic distance, up to `NEIGHBOUR_M`.
-        matching: by Euclidean distance, up to the matching radius: what counts as one answer.
+        matching: by Euclidean distance on one storey, up to the matching radius: what counts as one answer.
         observation: the likelihood.
 
     """
@@ -204,7 +205,8 @@ def map_part(
     near_by = [np.flatnonzero(row[slots] <= NEIGHBOUR_M) for row in rows]
     metres = [row[slots][near].astype(np.float32) for row, near in zip(rows, near_by, strict=True)]
     positions = np.array([graph.places[place] for place in places], dtype=np.float64).reshape(-1, 3)
-    index = RadiusIndex(positions, np.zeros(len(places), dtype=np.int32), radius_m)
+    on = storeys_of(graph)
+    index = RadiusIndex(positions, np.array([on[place] for place in places], dtype=np.int32), radius_m)
     matches = [index.within(row) for row in range(len(places))]
     away = [np.linalg.norm(positions[near] - positions[row], axis=1) for row, near in enumerate(matches)]
     return MapPart(

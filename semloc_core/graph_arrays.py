@@ -7,6 +7,7 @@ in canonical order (ids sorted as strings), so that the same graph always gives 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from semloc_core.geodesic import edge_lengths
 from semloc_core.labelspace import Labelspace
 from semloc_core.scene_graph import SceneGraph
 from semloc_core.short_repr import short_repr
+from semloc_core.storeys import storeys
 from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
 
 Floats = NDArray[np.float64]
@@ -72,6 +74,11 @@ class GraphArrays:
     def n_objects(self) -> int:
         """O."""
         return len(self.object_ids)
+
+    @cached_property
+    def storeys(self) -> Ints:
+        """(P,) the storey of each place (`semloc_core.storeys.storeys`)."""
+        return storeys(self.place_positions, self.place_edges)
 
     def edge_lengths(self) -> Floats:
         """(E,) Euclidean lengths of the traversability edges, metres; the same bits as in a `SceneGraph`."""

@@ -34,6 +34,7 @@ from semloc_core.wire import (
     ModelInfo,
     Odometry,
     PlaceMatches,
+    Position,
     SceneGraphUpdate,
     Status,
     decode_update,
@@ -79,7 +80,7 @@ class Localiser:
             places=loaded.n_places if whole is None else whole.n_places,
         )
         self._model_info: ModelInfo | None = ModelInfo(name=loaded.model.encoder.name, hash=loaded.model.hash)
-        self._index = RadiusIndex(loaded.positions, loaded.building_index, MATCH_RADIUS_M)
+        self._index = RadiusIndex(loaded.positions, loaded.storey_index, MATCH_RADIUS_M)
         verifier = verifier_of(loaded) if self.config.rerank == "layout" else None
         self._reranker = Reranker(loaded, verifier, self._index.within) if verifier is not None else None
         tracked = self.config.filter == "bayes" and loaded.n_places
@@ -89,6 +90,10 @@ class Localiser:
     def buildings(self) -> tuple[str, ...]:
         """Names of the buildings that an answer can be in."""
         return self.map.buildings
+
+    def same_storey(self, building: str, place: str, position: Position) -> bool:
+        """As of `LoadedMap.same_storey`, in the map as it is now."""
+        return building in self.map.buildings and self.map.same_storey(building, place, position)
 
     def renewed(self, config: LocaliserConfig | None = None) -> Localiser:
         """Another localiser on the same map, without this one's stream; ``buildings`` are as this map was opened."""

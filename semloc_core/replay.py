@@ -31,7 +31,7 @@ from semloc_core.errors import BagError, GraphError, MessageError
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
 from semloc_core.short_repr import short_repr
-from semloc_core.traversal_score import LatencyHistogram, TraversalScore
+from semloc_core.traversal_score import LatencyHistogram, SameStorey, TraversalScore
 
 logger = logging.getLogger(__name__)
 
@@ -136,7 +136,7 @@ def replay(
     """
     localiser = map_ if isinstance(map_, Localiser) else Localiser(map_, config)
     left_out = set(localiser.map.all_buildings) - set(localiser.buildings)
-    score = TraversalScore(localiser.buildings, sorted(left_out))
+    score = TraversalScore(localiser.buildings, sorted(left_out), localiser.same_storey)
     truths, latency, summary = _Truths(score), LatencyHistogram(), ReplaySummary()
     with contextlib.ExitStack() as stack:
         writer = stack.enter_context(BagWriter(results)) if results is not None else None
@@ -189,16 +189,19 @@ def _localise(localiser: Localiser, message: BagMessage, counts: Counter[str]) -
     return Answer(result.matches, result.attributions)
 
 
-def score_results(results: Path, buildings: list[str], topic: str = MATCHES_TOPIC) -> list[dict[str, object]]:
+def score_results(
+    results: Path, buildings: list[str], topic: str = MATCHES_TOPIC, same_storey: SameStorey | None = None
+) -> list[dict[str, object]]:
     """Score a recorded bag of answers (a replay's, or the node's as recorded with its ground truth).
 
     Args:
         results: the bag.
         buildings: names of the map's buildings.
         topic: where the matches are.
+        same_storey: of the map; None for a map of one storey a building.
 
     """
-    score = TraversalScore(buildings)
+    score = TraversalScore(buildings, same_storey=same_storey)
     truths = _Truths(score)
     for message in read_messages(results, topics={topic: STRING, GROUND_TRUTH_TOPIC: POINT_STAMPED}):
         if message.topic == GROUND_TRUTH_TOPIC:

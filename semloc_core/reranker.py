@@ -44,13 +44,15 @@ def _make(loaded: LoadedMap) -> LayoutVerifier:
         [rows for _, rows, _ in read],
         len(loaded.model.labelspace),
         weights=[weights for _, _, weights in read],
+        storeys=[loaded.storeys[loaded.rows_of(building)] for building in loaded.buildings],
     )
 
 
 def layout_part(loaded: LoadedMap, building: str) -> LayoutPart:
     """One building of a map, ready to be verified together with others; see `LayoutVerifier.joined`."""
     graph, rows, weights = _read(loaded, building)
-    return LayoutPart.of(graph, rows, len(loaded.model.labelspace), weights)
+    on = loaded.storeys[loaded.rows_of(building)]
+    return LayoutPart.of(graph, rows, len(loaded.model.labelspace), weights, on)
 
 
 def _read(loaded: LoadedMap, building: str) -> tuple[GraphArrays, Ints, NDArray[np.float64]]:
@@ -70,7 +72,7 @@ class Reranked:
     """What verification made of an answer.
 
     Args:
-        ranking: the places tested, best first, then the search's; probabilities of all.
+        ranking: the places tested and the search's, by falling probability.
         verified: the test itself.
         fragment: what was put to it.
 
@@ -122,10 +124,12 @@ class Reranker:
         tested = found.rows[order]
         known = set(tested.tolist())
         rest = np.array([row for row in raw.tolist() if row not in known], dtype=np.int64)
-        probability = dict.fromkeys(rest.tolist(), 0.0)
-        probability.update(zip(tested.tolist(), sure.probability[order].tolist(), strict=True))
-        shown = np.concatenate([tested, rest])[:top_n]
-        separate = np.array(modes(tested, self._within), dtype=np.int64)
+        # What was not tested is as likely as what was tested near it says, and is listed where that puts it.
+        rows = np.concatenate([tested, rest])
+        chances = np.concatenate([sure.probability[order], sure.answers.probability(verifier.mapped, rest)])
+        rows = rows[np.argsort(-chances, kind="stable")]
+        probability = dict(zip(np.concatenate([tested, rest]).tolist(), chances.tolist(), strict=True))
+        shown, separate = rows[:top_n], np.array(modes(tested, self._within), dtype=np.int64)
         return Reranked(Ranking(shown, separate, probability, sure.in_map), found, fragment)
 
     def evidence(self, tested: Reranked, row: int) -> Evidence | None:

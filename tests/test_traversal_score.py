@@ -85,3 +85,10 @@ def test_latency_percentiles_agree_with_numpy_to_two_percent():
     for percent in (50, 99):
         assert histogram.percentile(percent) == pytest.approx(np.percentile(values, percent), rel=0.02)
     assert LatencyHistogram().percentile(50) is None
+
+
+def test_a_match_on_another_storey_is_wrong_however_near_and_counted():
+    score = TraversalScore(["home"], same_storey=lambda building, place, position: place != "0")
+    score.add(answer(("home", 0.0), ("home", 1.0)), (0.0, 0.0, 2.7), "home")
+    (row,) = [row for row in score.rows("m") if row["scope"] == "all"]
+    assert (row["success@1"], row["success@5"], row["precision"], row["wrong_storey"]) == (0, 1, 0, 1)

@@ -31,14 +31,16 @@ def trust(
     """
     from semloc_core.evaluate.table import document, print_table
     from semloc_core.evaluate.trust import failures, study_trust
-    from semloc_core.evaluate.trust_curves import condition_rows, status_rows, threshold_rows
+    from semloc_core.evaluate.trust_curves import calibration_rows, condition_rows, status_rows, threshold_rows
     from semloc_core.whole_file import write_whole
 
     with progress("walking") as bar:
         study = study_trust(root, walks=walks, seed=seed, progress=bar)
     status, wrong = status_rows(study), failures(study)
     thresholds, conditions = threshold_rows(study), condition_rows(study)
+    calibration = calibration_rows(study)
     print_table(status, title=str(root), console=console)
+    print_table(calibration, title="probabilities, of the first place listed and of those after it", console=console)
     print_table(thresholds, title="accepted from a probability on", console=console)
     print_table(conditions, title="at 5 to 10 m", console=console)
     console.print(f"wrong at 5 to 10 m: {len(wrong)}")
@@ -48,7 +50,8 @@ def trust(
         console.print(f"- {head}; {figures}", markup=False, highlight=False)
     if json_file is not None:
         write_whole(
-            json_file, document("evaluate trust", seed, [str(root)], [*status, *thresholds, *conditions, *wrong])
+            json_file,
+            document("evaluate trust", seed, [str(root)], [*status, *calibration, *thresholds, *conditions, *wrong]),
         )
     if pictures is not None:
         pictures.mkdir(parents=True, exist_ok=True)

@@ -6,7 +6,6 @@ from rich.console import Console
 from rich.table import Table
 
 from semloc_core.cli.screen import many, print_whole
-from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.percent import percent
 from semloc_core.replay import ReplaySummary
 from semloc_core.traversal_score import FROM_METRES
@@ -18,6 +17,7 @@ MEASURES = {
     "success@10": "success@10",
     "accepted": "accepted (match)",
     "precision": "right of accepted",
+    "wrong_storey": "wrong storey (match)",
     "error_m": "error (m), median",
 }
 """Figure of a row -> what it is called on screen, in this order."""
@@ -40,7 +40,7 @@ def print_summary(title: str, summary: ReplaySummary, console: Console) -> None:
         for row in summary.rows:
             table.add_column(_stretch(str(row["scope"])), justify="right")
         for figure, name in MEASURES.items():
-            table.add_row(name, *(_cell(row[figure]) for row in summary.rows))
+            table.add_row(name, *(_cell(row.get(figure)) for row in summary.rows))
         print_whole(table, console)
     answers = sum(summary.statuses.values())
     counts = summary.statuses.most_common()
@@ -68,7 +68,7 @@ def _cell(value: object) -> str:
 
 
 def _calibrated(summary: ReplaySummary) -> str:
-    meaning = f"the chance that the place is within {MATCH_RADIUS_M:g} m"
+    meaning = "the chance that the place is right"
     if summary.calibrated == summary.listed:
         return f"calibrated: {meaning}" if summary.listed else "none: no answer lists a place"
     if not summary.calibrated:

@@ -27,6 +27,7 @@ from semloc_core.map_merge.store import side
 from semloc_core.map_merge.transform import Transform
 from semloc_core.model import Model, embed_graph
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.storeys import storey_at
 
 RIGHT_M = 0.5
 """A traversal is laid right if its places end up this near to where they belong (root mean square), metres."""
@@ -50,12 +51,14 @@ class _Map:
 
     Args:
         positions: (P, 3) of each building.
+        storeys: (P,) of each.
         embeddings: (P, D) of each.
         of_class: what each class weighs.
 
     """
 
     positions: tuple[NDArray[np.float64], ...]
+    storeys: tuple[NDArray[np.int64], ...]
     embeddings: tuple[Embeddings, ...]
     of_class: dict[str, float]
 
@@ -170,7 +173,10 @@ def _embed(lives: Sequence[_Life], model: Model) -> _Map:
     of_class = _of_class(lives, model)
     sides = [_side(life, model, of_class) for life in lives]
     return _Map(
-        tuple(each.arrays.place_positions for each in sides), tuple(each.embeddings for each in sides), of_class
+        tuple(each.arrays.place_positions for each in sides),
+        tuple(each.arrays.storeys for each in sides),
+        tuple(each.embeddings for each in sides),
+        of_class,
     )
 
 
@@ -202,9 +208,10 @@ def _success(
 
 
 def _right(asked: Sequence[GraphArrays], model: Model, map_: _Map, radius_m: float) -> NDArray[np.bool_]:
-    """(Q, 5) whether each answer is right: near enough, in the right building."""
+    """(Q, 5) whether each answer is right: near enough, in the right building and on the right storey."""
     database, positions = np.concatenate(map_.embeddings), np.concatenate(map_.positions)
     building = np.repeat(np.arange(len(map_.positions)), [len(each) for each in map_.positions])
+    storey = np.concatenate(map_.storeys)
     found = []
     for number, query in enumerate(asked):
         classes = [*model.labelspace.classes, ""]
@@ -212,7 +219,10 @@ def _right(asked: Sequence[GraphArrays], model: Model, map_: _Map, radius_m: flo
         z = embed_graph(model, query, dict(zip(query.object_ids, of_object, strict=True)))
         best = metrics.top(metrics.similarity_matrix(z, database), 5)
         away = np.linalg.norm(positions[best] - query.place_positions[:, None], axis=2)
-        found.append((away <= radius_m) & (building[best] == number))
+        own = building == number
+        truth = [storey_at(point, positions[own], storey[own]) for point in query.place_positions]
+        near = (away <= radius_m) & (building[best] == number)
+        found.append(near & (storey[best] == np.array(truth, dtype=np.int64)[:, None]))
     return np.concatenate(found)
 
 

@@ -1,7 +1,7 @@
 """Online: a robot has walked a few metres, its graph is a fragment: in which building, and where in it, it is.
 
 ROOT/*/query.json is revealed along walks and asked against ROOT/*/map.json, all maps in one database. A match is
-right in the same building and within 4 m, as in `semloc_core.evaluate.relocalise`.
+right in the same building, within 4 m and on the same storey, as in `semloc_core.evaluate.relocalise`.
 """
 
 from __future__ import annotations
@@ -182,14 +182,13 @@ def judge_agreement(
     seed: int,
 ) -> list[Row]:
     """How far the objects seen could lead at all: the rows of `semloc_core.evaluate.agreement`."""
-    positions, building = arena.positions, arena.building
+    every = np.arange(len(arena.positions))[None]
     share = np.zeros((len(paths), len(scopes_m)))
     number = np.zeros((len(paths), len(scopes_m)))
     for i, path in enumerate(paths):
         at = steps_at(path.walk, scopes_m)
         unexplained = agreement.unexplained(path.walk, at, range_m)
-        away = np.linalg.norm(positions - path.walk.truth()[at][:, None], axis=2)
-        right = (away <= radius_m) & (building == path.building)
+        right = arena.right(every, path.building, path.walk.truth()[at], radius_m)
         best = np.where(right, unexplained, np.inf).min(axis=1)
         agree = unexplained <= best[:, None]
         number[i] = agree.sum(axis=1)

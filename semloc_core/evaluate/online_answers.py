@@ -88,8 +88,7 @@ def verdict(arena: Arena, path: OnlineWalk, at: Ints, best: Ints, radius_m: floa
 
     """
     asked = path.walk.at(at)
-    away = np.linalg.norm(arena.positions[best] - asked.truth()[:, None], axis=2)
-    right: Bools = (away <= radius_m) & (arena.building[best] == path.building) & (best >= 0)
+    right: Bools = arena.right(best, path.building, asked.truth(), radius_m) & (best >= 0)
     right &= answered(asked)[:, None]
     missing = max(metrics.RANKS) - right.shape[1]
     return np.pad(right, ((0, 0), (0, missing)))

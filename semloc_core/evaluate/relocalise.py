@@ -2,13 +2,14 @@
 
 ROOT/*/query.json against ROOT/*/map.json, all maps in one database. Nothing is shared between a query and its map
 but the building: places are sampled anew, objects are as a detector saw them. A match is right in the same building
-and within 4 m (three-dimensional: the floor above is another place).
+within 4 m and on the same storey; that of the truth is told by the building's own map (`semloc_core.storeys`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import msgspec
@@ -29,6 +30,7 @@ from semloc_core.layout import fragment_of_arrays
 from semloc_core.model import Model, embed_graph
 from semloc_core.place_graph import extract_all
 from semloc_core.short_repr import short_repr
+from semloc_core.storeys import storey_at
 from semloc_core.training.config import TrainConfig
 from semloc_core.training.loop import Report, train
 
@@ -70,6 +72,33 @@ class Arena:
     def building(self) -> Ints:
         """(M,) index of the building of each of the database's places."""
         return np.repeat(np.arange(len(self.maps)), [building.n_places for building in self.maps]).astype(np.int64)
+
+    @cached_property
+    def storey(self) -> Ints:
+        """(M,) number of the storey of each of the database's places, in its building."""
+        return np.concatenate([building.storeys for building in self.maps])
+
+    def truth_storeys(self, building: int, truth: Floats) -> Ints:
+        """(K,) the storeys that (K, 3) points of a building are on, by its own map."""
+        mapped = self.maps[building]
+        if not mapped.storeys.any():
+            return np.zeros(len(truth), dtype=np.int64)
+        return np.array([storey_at(p, mapped.place_positions, mapped.storeys) for p in truth], dtype=np.int64)
+
+    def right(self, best: Ints, building: int, truth: Floats, radius_m: float) -> NDArray[np.bool_]:
+        """(K, N) whether answers are within the radius and on the storey of where the robot is.
+
+        Args:
+            best: (K, N) rows of the database.
+            building: that the robot is in.
+            truth: (K, 3) where in it, metres.
+            radius_m: how near is right.
+
+        """
+        away = np.linalg.norm(self.positions[best] - truth[:, None], axis=2)
+        found: NDArray[np.bool_] = (away <= radius_m) & (self.building[best] == building)
+        found &= self.storey[best] == self.truth_storeys(building, truth)[:, None]
+        return found
 
 
 def evaluate_relocalise(
@@ -183,12 +212,10 @@ def fitted(name: str, arena: Arena) -> Model:
 def judge_arena(method: str, model: Model, arena: Arena, radius_m: float, seed: int) -> list[Row]:
     """The rows of one method; see `evaluate_relocalise`."""
     database = np.concatenate([embed_graph(model, graph) for graph in arena.maps])
-    positions, building = arena.positions, arena.building
     right = []
     for index, query in enumerate(arena.queries):
         best = metrics.top(metrics.similarity_matrix(embed_graph(model, query), database), max(metrics.RANKS))
-        away = np.linalg.norm(positions[best] - query.place_positions[:, None], axis=2)
-        right.append((away <= radius_m) & (building[best] == index))
+        right.append(arena.right(best, index, query.place_positions, radius_m))
     rng = np.random.default_rng(seed)
     names = [query.name for query in arena.queries]
     of_building = np.repeat(np.arange(len(right)), [len(found) for found in right]).astype(np.int64)
@@ -199,7 +226,7 @@ def judge_arena(method: str, model: Model, arena: Arena, radius_m: float, seed: 
 def judge_layout(method: str, model: Model, arena: Arena, radius_m: float, seed: int) -> list[Row]:
     """The rows of one method whose answers are verified by layout; see `evaluate_relocalise`."""
     database = np.concatenate([embed_graph(model, graph) for graph in arena.maps])
-    positions, building = arena.positions, arena.building
+    building = arena.building
     verifier = layout_verifier(arena.maps, len(arena.labelspace))
     right, sure, abroad = [], [], []
     for index, query in enumerate(arena.queries):
@@ -210,8 +237,7 @@ def judge_layout(method: str, model: Model, arena: Arena, radius_m: float, seed:
         best = reranked(verifier, fragments, similarity, chances=said)
         if len(arena.queries) > 1:
             reranked(verifier, fragments, similarity, building != index, said_abroad)
-        away = np.linalg.norm(positions[best] - query.place_positions[:, None], axis=2)
-        right.append((away <= radius_m) & (building[best] == index))
+        right.append(arena.right(best, index, query.place_positions, radius_m))
         sure.append(said)
         abroad.append(said_abroad)
     name, rng = f"{method} + layout", np.random.default_rng(seed)

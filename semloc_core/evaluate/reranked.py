@@ -71,16 +71,18 @@ def reranked(
         if found is not None:
             sure = confidence(found, fragment, verifier.mapped)
             if chances is not None:
-                chances[q] = sure.probability[0]
+                chances[q] = sure.probability.max()
             rest = best[q][~np.isin(best[q], found.rows)]
-            together = np.concatenate([found.rows[sure.order], rest])[: answers.shape[1]]
-            answers[q, : len(together)] = together
+            rows = np.concatenate([found.rows[sure.order], rest])
+            said = sure.answers.probability(verifier.mapped, rows)
+            chosen = np.argsort(-said, kind="stable")[: answers.shape[1]]
+            answers[q, : len(chosen)] = rows[chosen]
     return answers
 
 
 def sureness(verifier: LayoutVerifier, found: Verified, fragment: Fragment) -> float:
-    """P(the best place is within the match radius of the robot)."""
-    return float(confidence(found, fragment, verifier.mapped).probability[0])
+    """P(the best place is within the match radius of the robot, and on its storey)."""
+    return float(confidence(found, fragment, verifier.mapped).probability.max())
 
 
 def verified_evidence(

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from semloc_core.fleet.database import FleetDatabase
-from semloc_core.map_database.info import describe_building, describe_meta
+from semloc_core.map_database.info import describe_building, describe_meta, describe_storeys
+from semloc_core.storeys import storeys_of
 
 
 def describe_server_map(database: FleetDatabase) -> dict[str, Any]:
@@ -16,5 +19,10 @@ def describe_server_map(database: FleetDatabase) -> dict[str, Any]:
 
     """
     meta = database.meta
-    buildings = [describe_building(database.building(name)[0], database.graph(name)) for name in database.buildings]
+    buildings = []
+    for name in database.buildings:
+        (stored, places), graph = database.building(name), database.graph(name)
+        on = storeys_of(graph)
+        storeys = describe_storeys(np.array([on[id_] for id_ in places.ids]), places.positions[:, 2])
+        buildings.append(describe_building(stored, graph) | {"storeys": storeys})
     return {"name": database.name, "hash": meta.content_hash, **describe_meta(meta, database.model, buildings)}

@@ -39,6 +39,7 @@ class Aligned:
     Args:
         heading: (T,) radians: the robot's frame turned by it is parallel to the map's.
         shift: (T, 2) metres from the map's place to the robot.
+        rise: (T,) the same in height.
         explained: (T, n) log-likelihood ratio of each seen object, ≥ 0.
         missing: (T,) log-likelihood lost for mapped objects that should have been seen, ≥ 0.
         walls: (T,) the same for known places where the map has no room, ≥ 0.
@@ -47,6 +48,7 @@ class Aligned:
 
     heading: Floats
     shift: Floats
+    rise: Floats
     explained: Floats
     missing: Floats
     walls: Floats
@@ -77,10 +79,15 @@ def align(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats)
         odds = pairs.odds(turn, shift, config.spread_m)
         total = pairs.by_seen(odds) + 1.0
         turn, shift = _fit(pairs, odds / total[pairs.at], anchor)
-    odds = pairs.by_seen(pairs.odds(turn, shift, config.spread_m))[: t * n].reshape(t, n)
+    each = pairs.odds(turn, shift, config.spread_m)
+    odds = pairs.by_seen(each)
+    share = each / (odds + 1.0)[pairs.at]
+    odds = odds[: t * n].reshape(t, n)
     return Aligned(
         np.angle(turn),
         np.stack([shift.real, shift.imag], axis=1),
+        # Places float: by how much the robot's is higher than the map's, the objects that both have say.
+        -(share * pairs.above).sum(axis=1) / (share.sum(axis=1) + 1.0),
         np.log1p(odds),
         config.looked * expected(mapped, fragment, there, turn, shift),
         _walls(mapped, fragment, rows, turn, shift),
@@ -97,6 +104,7 @@ class _Pairs:
         terms: (T, 8, K) for a seen object at x and a mapped one at y, complex: x, y and x̄y, each its two parts, 1, and
             |x|² + |y|². The squared distance at any pose is linear in them, and so are the moments that fit a pose.
         peak: (T, K) odds of a match but for what the plane says of it, against the object being invented.
+        above: (T, K) metres by which the seen object is higher over the robot than the mapped one over its place.
         at: (T, K) numbers of pose and seen object in one, as if all poses' objects were counted through.
         size: how many of these numbers there are.
 
@@ -104,6 +112,7 @@ class _Pairs:
 
     terms: Floats
     peak: Floats
+    above: Floats
     at: Ints
     size: int
 
@@ -145,8 +154,9 @@ def _pairs(mapped: MappedLayout, fragment: Fragment, there: There, turn: Complex
     number = np.bincount(which, minlength=t)
     k = int(number.max(initial=0)) + 1
     at = np.arange(len(which)) + (np.arange(t) * k - np.cumsum(number) + number)[which]
-    peak, of = np.zeros(t * k), np.full(t * k, t * n)
+    peak, higher, of = np.zeros(t * k), np.zeros(t * k), np.full(t * k, t * n)
     peak[at] = mapped.odds[there.objects[entry]] * np.exp(-0.5 * above * above)
+    higher[at] = above * config.height_spread_m
     of[at] = which * n + seen
     here, offset = (x + 1j * y)[seen], there.offset[entry]
     both = np.conj(here) * offset
@@ -157,7 +167,13 @@ def _pairs(mapped: MappedLayout, fragment: Fragment, there: There, turn: Complex
     ):
         row[at] = term
     shape = (t, k)
-    return _Pairs(terms.reshape(8, t, k).transpose(1, 0, 2), peak.reshape(shape), of.reshape(shape), t * n + 1)
+    return _Pairs(
+        terms.reshape(8, t, k).transpose(1, 0, 2),
+        peak.reshape(shape),
+        higher.reshape(shape),
+        of.reshape(shape),
+        t * n + 1,
+    )
 
 
 def _fit(pairs: _Pairs, share: Floats, anchor: float) -> tuple[Complex, Complex]:

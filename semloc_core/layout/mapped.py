@@ -12,6 +12,7 @@ from semloc_core.layout.around import Around
 from semloc_core.layout.config import LayoutConfig
 from semloc_core.layout.part import LayoutPart
 from semloc_core.layout.room import Rooms
+from semloc_core.storeys import separate
 
 Ints32 = NDArray[np.int32]
 
@@ -27,6 +28,7 @@ class MappedLayout:
     Attributes:
         positions: (M, 3) the map's places, metres; each building in its own frame.
         building: (M,) the number of each place's building.
+        storey: (M,) the number of each place's storey, counted through all buildings.
         object_positions: (K, 3) objects of all buildings, metres.
         object_classes: (K,) of these.
         detected: (K,) probability that each object is there and is detected.
@@ -47,6 +49,7 @@ class MappedLayout:
         # Column by column: they are read so.
         self.positions: Floats = np.asfortranarray(np.concatenate([none, *(b.positions for b in parts)]))
         self.building: Ints = np.repeat(np.arange(len(parts)), [len(b) for b in parts]).astype(np.int64)
+        self.storey = separate(self.building, np.concatenate([np.zeros(0, np.int64), *(b.storeys for b in parts)]))
         self.object_positions: Floats = np.asfortranarray(np.concatenate([none, *(b.object_positions for b in parts)]))
         self.object_classes: Ints = np.concatenate([np.zeros(0, np.int64), *(b.object_classes for b in parts)])
         self.detected: Floats = np.concatenate([np.zeros(0), *(b.detected for b in parts)])

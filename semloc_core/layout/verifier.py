@@ -29,6 +29,7 @@ class Verified:
         score: (T,) log-likelihood ratio: the objects as mapped there, against all invented.
         heading: (T,) radians: the robot's frame turned by it is parallel to the map's.
         shift: (T, 2) metres from the map's place to where the robot is.
+        rise: (T,) the same in height.
         explained: (T, n) share in the score of each object of the fragment, ≥ 0.
         missing: (T,) lost for objects not seen, ≥ 0.
         walls: (T,) lost for room that the map does not have, ≥ 0.
@@ -39,6 +40,7 @@ class Verified:
     score: Floats
     heading: Floats
     shift: Floats
+    rise: Floats
     explained: Floats
     missing: Floats
     walls: Floats
@@ -53,6 +55,7 @@ class LayoutVerifier:
         n_classes: C.
         config: options.
         weights: for each building the probability that each of its objects is still there; None: all surely are.
+        storeys: for each building the storey of each of these places; None derives them from the graphs.
 
     """
 
@@ -63,9 +66,11 @@ class LayoutVerifier:
         n_classes: int,
         config: LayoutConfig | None = None,
         weights: Sequence[Floats] | None = None,
+        storeys: Sequence[Ints] | None = None,
     ) -> None:
         each = [None] * len(graphs) if weights is None else weights
-        parts = [LayoutPart(g, r, n_classes, w, config) for g, r, w in zip(graphs, rows, each, strict=True)]
+        on = [None] * len(graphs) if storeys is None else storeys
+        parts = [LayoutPart(g, r, n_classes, w, config, s) for g, r, w, s in zip(graphs, rows, each, on, strict=True)]
         self._read(parts, n_classes, config or LayoutConfig())
 
     @classmethod
@@ -131,6 +136,7 @@ class LayoutVerifier:
             score[order],
             fitted.heading[order],
             fitted.shift[order],
+            fitted.rise[order],
             fitted.explained[order],
             fitted.missing[order],
             fitted.walls[order],

@@ -26,8 +26,10 @@ from semloc_core.map_database.records import (
     building_digest,
     building_names,
     content_hash,
+    derived_storeys,
     read_history_bytes,
     read_places,
+    read_storeys,
     unpack_graph,
 )
 from semloc_core.map_database.schema import read
@@ -37,6 +39,8 @@ from semloc_core.model import Model
 from semloc_core.place_graph import Batch
 from semloc_core.scene_graph import SceneGraph
 from semloc_core.short_repr import short_repr
+from semloc_core.storeys import separate, storey_at
+from semloc_core.wire import Position
 
 logger = logging.getLogger(__name__)
 
@@ -44,7 +48,10 @@ logger = logging.getLogger(__name__)
 @short_repr
 @dataclass(frozen=True)
 class StoredBuilding:
-    """One building: its source, frame, when it was made (ns, or None), packed scene graph and history."""
+    """One building: its source, frame, when it was made (ns, or None), packed scene graph and history.
+
+    ``storeys`` are those of its places, by rising id; None where they are to be derived from the scene graph.
+    """
 
     name: str
     source: str
@@ -53,6 +60,7 @@ class StoredBuilding:
     n_places: int
     graph: PackedGraph
     history: bytes = b""
+    storeys: tuple[int, ...] | None = None
 
 
 @short_repr
@@ -118,6 +126,31 @@ class LoadedMap:
     def n_places(self) -> int:
         """M."""
         return len(self.place_ids)
+
+    @cached_property
+    def storeys(self) -> NDArray[np.int64]:
+        """(M,) the storey of each place in its building, 0 for the lowest; all 0 in a map that no file holds."""
+        found = np.zeros(self.n_places, dtype=np.int64)
+        for stored in self.stored:
+            rows = self.rows_of(stored.name)
+            found[rows] = (
+                derived_storeys(stored.graph, self.place_ids[rows]) if stored.storeys is None else stored.storeys
+            )
+        return found
+
+    @cached_property
+    def storey_index(self) -> NDArray[np.int32]:
+        """(M,) the number of each place's storey, counted through all buildings: places of one are on one floor."""
+        return separate(self.building_index, self.storeys)
+
+    def same_storey(self, building: str, place_id: str, position: Position) -> bool:
+        """Whether a place of a building is on the storey that a point (m) of that building is on."""
+        rows = self.rows_of(building)
+        storeys = self.storeys[rows]
+        if not storeys.any():
+            return True
+        on = storey_at(np.array(position, dtype=np.float64), self.positions[rows], storeys)
+        return bool(self.storeys[self.row(building, place_id)] == on)
 
     @cached_property
     def index(self) -> ExactSearch:
@@ -298,7 +331,9 @@ def read_building(connection: sqlite3.Connection, name: str, dimension: int) -> 
     if not places.ids or building_digest(places, frame_id, graph_digest, history) != digest:
         raise MapError(f"expected building {name!r} as it was committed (got other content: the map is damaged)")
     packed = PackedGraph(graph_digest, graph_bytes, data)
-    return StoredBuilding(name, source, frame_id, stamp_ns, len(places.ids), packed, history), places, digest
+    on = read_storeys(connection, key, graph_digest, places.ids)
+    stored = StoredBuilding(name, source, frame_id, stamp_ns, len(places.ids), packed, history, on)
+    return stored, places, digest
 
 
 def read_map(connection: sqlite3.Connection, name: str) -> LoadedMap:

@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import TypeVar
 
 from semloc_core.errors import MapError
+from semloc_core.map_database.records import keep_storeys
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 APPLICATION_ID = 0x53454D4C  # "SEML", in the header of every map file
 BUSY_TIMEOUT_S = 30.0
 MAX_BLOB_BYTES = 512 * 2**20  # of any one value: the model, a compressed scene graph
@@ -38,16 +39,28 @@ _TABLES_1 = (
 )
 
 HISTORY = "CREATE TABLE history (building INTEGER PRIMARY KEY REFERENCES building (id), data BLOB NOT NULL)"
-TABLES = (*_TABLES_1, HISTORY)
+STOREYS = "CREATE TABLE storeys (building INTEGER PRIMARY KEY REFERENCES building (id), data BLOB NOT NULL)"
+TABLES = (*_TABLES_1, HISTORY, STOREYS)
 # Formats that are read as they are, so that a map which can't be written to need not be migrated first.
-READABLE: Mapping[int, tuple[str, ...]] = {1: _TABLES_1, FORMAT_VERSION: TABLES}
+READABLE: Mapping[int, tuple[str, ...]] = {1: _TABLES_1, 2: (*_TABLES_1, HISTORY), FORMAT_VERSION: TABLES}
 
 SQLITE_ERRORS = (sqlite3.Error, UnicodeError)  # the second: a damaged name in the text of the first
 
 Migration = Callable[[sqlite3.Connection], object]
+
+
+def _with_storeys(connection: sqlite3.Connection) -> None:
+    connection.execute(STOREYS)
+    for (key,) in connection.execute("SELECT id FROM building ORDER BY id").fetchall():
+        keep_storeys(connection, key)
+
+
 # Version v -> what makes a file of version v + 1 of it: runs inside a transaction, must leave `TABLES` of its day.
 # To change the format: raise FORMAT_VERSION and add the step from the version before.
-MIGRATIONS: Mapping[int, Migration] = {1: lambda connection: connection.execute(HISTORY)}
+MIGRATIONS: Mapping[int, Migration] = {
+    1: lambda connection: connection.execute(HISTORY),
+    2: _with_storeys,
+}
 
 T = TypeVar("T")
 

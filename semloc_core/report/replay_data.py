@@ -29,7 +29,7 @@ from semloc_core.evaluate.rows import Row
 from semloc_core.map_database.loaded import LoadedMap
 from semloc_core.report.thinned import Thinned
 from semloc_core.short_repr import short_repr
-from semloc_core.traversal_score import LatencyHistogram, TraversalScore, right_matches
+from semloc_core.traversal_score import LatencyHistogram, TraversalScore
 
 T = TypeVar("T")
 POINTS = 2000
@@ -196,7 +196,7 @@ class _Gathering:
         self.start_ns: int | None = None
         self._map = loaded
         self._data = ReplayData()
-        self._score = TraversalScore(loaded.buildings)
+        self._score = TraversalScore(loaded.buildings, same_storey=loaded.same_storey)
         self._latency = LatencyHistogram()
         self._waiting: deque[tuple[float, wire.PlaceMatches]] = deque()
         self._truths: dict[int, StampedPoint] = {}
@@ -251,7 +251,7 @@ class _Gathering:
         if stamped is not None and self._score.add(answer, stamped.position, stamped.frame_id):
             building = self._score.building_of(stamped.frame_id)
             assert building is not None
-            truth, right = (building, stamped.position), any(right_matches(answer, building, stamped.position)[:1])
+            truth, right = (building, stamped.position), any(self._score.right(answer, building, stamped.position)[:1])
             if top is not None and not right:
                 self._count_wrong(top, building, stamped.position)
         point = Point(seconds, answer.status, top, truth, right, answer.latency_ms)

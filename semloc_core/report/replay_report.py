@@ -30,7 +30,10 @@ TERMS = (
     ("Place", "A patch of free floor: a node of the scene graph. Neighbouring places are joined where one can walk."),
     ("Answer", "What the localiser said to one update: the places of the map most like the robot's, best first."),
     ("Top match", "The first place of an answer."),
-    ("Right", f"Within {MATCH_RADIUS_M:g} m of where the robot truly was, in the same building."),
+    (
+        "Right",
+        f"Within {MATCH_RADIUS_M:g} m of where the robot truly was, in the same building and on the same storey.",
+    ),
     ("success@N", "Share of all answers with a right place among their first N. No answer counts as a wrong one."),
     ("Cosine similarity", "How alike two places are to the encoder: 1 is the same, 0 has nothing in common."),
     ("Probability", "The localiser's own estimate that the top match is right."),

@@ -38,7 +38,7 @@ def test_one_table_has_success_by_metres_status_calibration_and_latency() -> Non
     assert next(line for line in lines if line.startswith("right of accepted")).split()[3:] == ["0.900", "0.900"]
     assert "status             30 match (75%), 10 ambiguous (25%), of 41 updates" in lines
     assert "latency            12.3 ms median, 56.7 ms 99th percentile" in lines
-    assert "probability        calibrated: the chance that the place is within 4 m" in lines
+    assert "probability        calibrated: the chance that the place is right" in lines
     assert not any(mark in line for line in lines for mark in "┃│…"), "no frame, nothing cut off"
 
 
