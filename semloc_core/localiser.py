@@ -95,6 +95,13 @@ class Localiser:
         """As of `LoadedMap.same_storey`, in the map as it is now."""
         return building in self.map.buildings and self.map.same_storey(building, place, position)
 
+    def chance(self, building: str, position: Position) -> float:
+        """As of `LoadedMap.chance`, of the places that an answer can name."""
+        if building not in self.map.buildings:
+            return 0.0
+        part = self.map.part_of if self.config.buildings else None
+        return self.map.chance(building, position) * (part.n_places / self.map.n_places if part is not None else 1.0)
+
     def renewed(self, config: LocaliserConfig | None = None) -> Localiser:
         """Another localiser on the same map, without this one's stream; ``buildings`` are as this map was opened."""
         return Localiser(self.map, config or self.config)

@@ -136,7 +136,7 @@ def replay(
     """
     localiser = map_ if isinstance(map_, Localiser) else Localiser(map_, config)
     left_out = set(localiser.map.all_buildings) - set(localiser.buildings)
-    score = TraversalScore(localiser.buildings, sorted(left_out), localiser.same_storey)
+    score = TraversalScore(localiser.buildings, sorted(left_out), localiser.same_storey, localiser.chance)
     truths, latency, summary = _Truths(score), LatencyHistogram(), ReplaySummary()
     with contextlib.ExitStack() as stack:
         writer = stack.enter_context(BagWriter(results)) if results is not None else None

@@ -15,6 +15,7 @@ MEASURES = {
     "success@1": "success@1",
     "success@5": "success@5",
     "success@10": "success@10",
+    "chance": "by chance @1",
     "accepted": "accepted (match)",
     "precision": "right of accepted",
     "wrong_storey": "wrong storey (match)",

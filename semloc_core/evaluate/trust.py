@@ -56,6 +56,7 @@ class Judged:
         found: the test of the likeliest places; None where nothing fitted anywhere.
         rows: (N,) the places listed, best first.
         said: (N,) the probability of each.
+        chance: the share of the map's places that are right.
         rights: (N,) which of them are within the match radius of the robot and on its storey.
         right: so is the first one.
         wrong_storey: the first one is within the match radius of the robot or above or below it, on another storey.
@@ -76,6 +77,7 @@ class Judged:
     found: Verified | None
     rows: Ints
     said: Floats
+    chance: float
     rights: NDArray[np.bool_]
     right: bool
     wrong_storey: bool
@@ -156,6 +158,7 @@ def study_trust(
                     found=found,
                     rows=rows,
                     said=said,
+                    chance=float(near.mean() * known[k]),
                     rights=near[rows] & known[k],
                     right=bool(known[k] and near[rows[0]]),
                     wrong_storey=bool(known[k] and beside and not same),

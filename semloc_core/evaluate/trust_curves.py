@@ -28,6 +28,7 @@ LEAST = 5
 def status_rows(study: Study) -> list[Row]:
     """By metres walked: how many answers are right, what each status's share of the answers is, and how often right.
 
+    ``chance``: how many blind guesses would be right.
     Rows of scope ``foreign …``: the same shares with the robot's building left out of the map.
     """
     rows: list[Row] = []
@@ -37,6 +38,7 @@ def status_rows(study: Study) -> list[Row]:
             "method": "rings + layout",
             "scope": f"{scope:g}m",
             "queries": len(answers),
+            "chance": float(np.mean([judged.chance for judged in answers])),
             "right": float(np.mean([judged.right for judged in answers])),
         }
         for status in STATUSES:
@@ -120,6 +122,7 @@ def condition_rows(study: Study, least_m: float = 5.0, most_m: float = 10.0) -> 
             "method": "rings + layout",
             "scope": name,
             "queries": len(group),
+            "chance": float(np.mean([judged.chance for judged in group])),
             "right": float(np.mean([judged.right for judged in group])),
             "match": float(np.mean([judged.status == "match" for judged in group])),
             "match_wrong": sum(judged.status == "match" and not judged.right for judged in group),

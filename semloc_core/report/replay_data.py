@@ -196,7 +196,7 @@ class _Gathering:
         self.start_ns: int | None = None
         self._map = loaded
         self._data = ReplayData()
-        self._score = TraversalScore(loaded.buildings, same_storey=loaded.same_storey)
+        self._score = TraversalScore(loaded.buildings, same_storey=loaded.same_storey, chance=loaded.chance)
         self._latency = LatencyHistogram()
         self._waiting: deque[tuple[float, wire.PlaceMatches]] = deque()
         self._truths: dict[int, StampedPoint] = {}

@@ -10,7 +10,14 @@ from semloc_core.replay import ReplaySummary
 
 
 def row(scope: str, queries: int, right: float, precision: float | None = 0.9) -> dict[str, object]:
-    figures = {"answered": 1.0, "success@1": right, "success@5": 0.8, "success@10": 1.0, "accepted": 0.5}
+    figures = {
+        "answered": 1.0,
+        "success@1": right,
+        "success@5": 0.8,
+        "success@10": 1.0,
+        "chance": 0.125,
+        "accepted": 0.5,
+    }
     return {"method": "rings", "scope": scope, "queries": queries, **figures, "precision": precision, "error_m": None}
 
 
@@ -34,6 +41,12 @@ def test_one_table_has_success_by_metres_status_calibration_and_latency() -> Non
         ["answers", "15", "25", "40"],
         ["success@1", "0.250", "0.750", "0.500"],
         ["success@5", "0.800", "0.800", "0.800"],
+    ]
+    assert next(line for line in lines if line.startswith("by chance")).split() == [
+        "by",
+        "chance",
+        "@1",
+        *["0.125"] * 3,
     ]
     assert next(line for line in lines if line.startswith("right of accepted")).split()[3:] == ["0.900", "0.900"]
     assert "status             30 match (75%), 10 ambiguous (25%), of 41 updates" in lines
