@@ -31,7 +31,7 @@ from semloc_core.errors import BagError, GraphError, MessageError
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
 from semloc_core.short_repr import short_repr
-from semloc_core.traversal_score import LatencyHistogram, SameStorey, TraversalScore
+from semloc_core.traversal_score import Chance, LatencyHistogram, SameStorey, TraversalScore
 
 logger = logging.getLogger(__name__)
 
@@ -190,7 +190,11 @@ def _localise(localiser: Localiser, message: BagMessage, counts: Counter[str]) -
 
 
 def score_results(
-    results: Path, buildings: list[str], topic: str = MATCHES_TOPIC, same_storey: SameStorey | None = None
+    results: Path,
+    buildings: list[str],
+    topic: str = MATCHES_TOPIC,
+    same_storey: SameStorey | None = None,
+    chance: Chance | None = None,
 ) -> list[dict[str, object]]:
     """Score a recorded bag of answers (a replay's, or the node's as recorded with its ground truth).
 
@@ -198,10 +202,10 @@ def score_results(
         results: the bag.
         buildings: names of the map's buildings.
         topic: where the matches are.
-        same_storey: of the map; None for a map of one storey a building.
+        same_storey, chance: of the map, as for `TraversalScore`.
 
     """
-    score = TraversalScore(buildings, same_storey=same_storey)
+    score = TraversalScore(buildings, same_storey=same_storey, chance=chance)
     truths = _Truths(score)
     for message in read_messages(results, topics={topic: STRING, GROUND_TRUTH_TOPIC: POINT_STAMPED}):
         if message.topic == GROUND_TRUTH_TOPIC:

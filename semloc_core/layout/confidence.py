@@ -145,6 +145,7 @@ def confidence(
     return Confidence(probability, in_map, np.lexsort((np.arange(len(probability)), found.off, -probability)), answers)
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Answers:
     """Where the robot may be.
@@ -255,6 +256,7 @@ def masses(verified: Verified, mapped: MappedLayout, sharpness: float = SHARPNES
     return Tested.of(verified, mapped).masses(sharpness)
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Tested:
     """Which of T places tested, best first, are one answer.

@@ -15,7 +15,7 @@ def row(scope: str, queries: int, right: float, precision: float | None = 0.9) -
         "success@1": right,
         "success@5": 0.8,
         "success@10": 1.0,
-        "chance": 0.125,
+        "chance": 0.2,
         "accepted": 0.5,
     }
     return {"method": "rings", "scope": scope, "queries": queries, **figures, "precision": precision, "error_m": None}
@@ -46,7 +46,7 @@ def test_one_table_has_success_by_metres_status_calibration_and_latency() -> Non
         "by",
         "chance",
         "@1",
-        *["0.125"] * 3,
+        *["0.200"] * 3,
     ]
     assert next(line for line in lines if line.startswith("right of accepted")).split()[3:] == ["0.900", "0.900"]
     assert "status             30 match (75%), 10 ambiguous (25%), of 41 updates" in lines
