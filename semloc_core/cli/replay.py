@@ -23,7 +23,7 @@ OUTAGE_S = 60.0
 
 
 def replay(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="The recorded run.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The run: a bag, recorded or simulated.")],
     map_: Annotated[
         str, typer.Option("--map", metavar="MAP|URL", help="The map file, or milvus+http://host:port/name.")
     ],
