@@ -31,7 +31,7 @@ $(VENV)/.test: $(VENV)/.tools
 
 # -- what users run -------------------------------------------------------------------------------------------
 
-demo: $(VENV)/.tools ## replay a recorded run against a map: matches, attributions, a report in out/demo
+demo: $(VENV)/.tools ## replay a simulated run against a map: matches, attributions, a report in out/demo
 	sh tools/demo.sh $(PY) $(OUT)/demo
 
 test: lint types unit ## ruff, mypy and the whole test suite

@@ -15,10 +15,12 @@ from semloc_core.layout.placed import NO_YAW, Placed
 from semloc_core.map_database import LoadedMap
 from semloc_core.place_graph import Batch
 from semloc_core.posterior import Ranking
+from semloc_core.short_repr import short_repr
 from semloc_core.stream import Outcome
 from semloc_core.wire import ClassAttributions, Match, PlaceMatches, Pose, Transform
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Query:
     """One question: where is ``place``, in the graph as it was after update ``seq``? Nothing in it changes later.
@@ -39,6 +41,7 @@ class Query:
         return Query(self.stamp_ns, self.seq, self.place, reason=reason)
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Located:
     """An answer: the message to publish, and what `Localiser.explain` needs to say why.
@@ -53,6 +56,7 @@ class Located:
     evidence: Evidence | None = None
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Localisation:
     """What one update led to.
@@ -76,6 +80,7 @@ class Localisation:
         return self.located.matches if self.located is not None else None
 
 
+@short_repr
 @dataclass(frozen=True)
 class ServerState:
     """How the server that keeps a map does, as far as this robot knows.

@@ -26,6 +26,7 @@ from semloc_core.observation import (
 )
 from semloc_core.radius_index import RadiusIndex
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 from semloc_core.storeys import storeys_of
 
 Floats = NDArray[np.float32]
@@ -61,6 +62,7 @@ class FilterConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     ] = 1e-4
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Neighbourhoods:
     """Which places of a map are how far from which, as sparse rows (CSR); every place has a row, itself in it.
@@ -99,6 +101,7 @@ class Neighbourhoods:
         return self._kernels[key]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class MapModel:
     """What a filter needs of a map; made once for a map, read by any number of filters.
@@ -161,6 +164,7 @@ class MapModel:
         return combined
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class MapPart:
     """What a filter needs of one building, by itself; rows count from 0."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from semloc_core.geodesic import edge_lengths
 from semloc_core.labelspace import Labelspace
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 from semloc_core.storeys import storeys
 from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
 
@@ -22,6 +23,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class GraphArrays:
     """One building.

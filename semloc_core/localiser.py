@@ -28,6 +28,7 @@ from semloc_core.poses import yaw_of
 from semloc_core.posterior import CANDIDATES, IN_MAP, Ranking, modes, place_probabilities
 from semloc_core.radius_index import RadiusIndex
 from semloc_core.reranker import Reranked, Reranker, verifier_of
+from semloc_core.short_repr import short_repr
 from semloc_core.stream import Outcome, UpdateStream
 from semloc_core.surroundings import Surroundings
 from semloc_core.tracker import Tracker
@@ -50,6 +51,7 @@ from semloc_core.wire import (
 __all__ = ["EXPLAINER_SEED", "Localisation", "Localiser", "Located", "Query"]
 
 
+@short_repr
 @dataclass(eq=False)
 class Localiser:
     """Localises one robot in one map. Not thread-safe, but what it returns may be read by any thread.
@@ -104,6 +106,13 @@ class Localiser:
     def same_storey(self, building: str, place: str, position: Position) -> bool:
         """As of `LoadedMap.same_storey`, in the map as it is now."""
         return building in self.map.buildings and self.map.same_storey(building, place, position)
+
+    def chance(self, building: str, position: Position) -> float:
+        """As of `LoadedMap.chance`, of the places that an answer can name."""
+        if building not in self.map.buildings:
+            return 0.0
+        part = self.map.part_of if self.config.buildings else None
+        return self.map.chance(building, position) * (part.n_places / self.map.n_places if part is not None else 1.0)
 
     def renewed(self, config: LocaliserConfig | None = None) -> Localiser:
         """Another localiser on the same map, without this one's stream; ``buildings`` are as this map was opened."""

@@ -18,11 +18,13 @@ from semloc_core.errors import ConfigError, LabelspaceError, ModelError
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.labelspace import Labelspace
 from semloc_core.place_graph import Batch
+from semloc_core.short_repr import short_repr
 from semloc_core.whole_file import write_whole
 
 ROOTS_AT_ONCE = 1024  # places a batch, where each place brings copies of the objects in its reach
 
 
+@short_repr
 @dataclass(eq=False)
 class Model:
     """What `semloc train` makes, a map carries and a robot runs.

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from semloc_core.labelspace import Labelspace
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 
 Floats = NDArray[np.float32]
 Metres = NDArray[np.float64]
@@ -48,6 +49,7 @@ class ObservationConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     ] = 1.3
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Surroundings:
     """What is known around N places, ring by ring.

@@ -32,7 +32,8 @@ from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
 from semloc_core.poses import TumWriter, matched_pose, quaternion_of, ros_covariance, yaw_of
 from semloc_core.run import Run, decode_truth
-from semloc_core.traversal_score import LatencyHistogram, SameStorey, TraversalScore
+from semloc_core.short_repr import short_repr
+from semloc_core.traversal_score import Chance, LatencyHistogram, SameStorey, TraversalScore
 from semloc_core.truth import TOLERANCE_S, TruthMatcher
 
 logger = logging.getLogger(__name__)
@@ -45,6 +46,7 @@ ATTRIBUTIONS_TOPIC = "/localiser/attributions"
 EVIDENCE_TOPIC = "/localiser/evidence"
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Answer:
     """One answer of a replay, for whoever shows progress."""
@@ -54,6 +56,7 @@ class Answer:
     evidence: wire.ClassAttributions | None
 
 
+@short_repr
 @dataclass(eq=False)
 class ReplaySummary:
     """What a replay came to.
@@ -122,7 +125,7 @@ def replay(
     """
     localiser = map_ if isinstance(map_, Localiser) else Localiser(map_, config)
     left_out = set(localiser.map.all_buildings) - set(localiser.buildings)
-    score = TraversalScore(localiser.buildings, sorted(left_out), localiser.same_storey)
+    score = TraversalScore(localiser.buildings, sorted(left_out), localiser.same_storey, localiser.chance)
     labels = localiser.labels
     reading = labels.reading if labels is not None else Reading(known=localiser.map.model.labelspace)
     recorded = Run(run, topic=topic, robot=robot, truth_topic=truth_topic, reading=reading)
@@ -216,7 +219,11 @@ def _localise(localiser: Localiser, text: str, received_ns: int, counts: Counter
 
 
 def score_results(
-    results: Path, buildings: list[str], topic: str = MATCHES_TOPIC, same_storey: SameStorey | None = None
+    results: Path,
+    buildings: list[str],
+    topic: str = MATCHES_TOPIC,
+    same_storey: SameStorey | None = None,
+    chance: Chance | None = None,
 ) -> list[dict[str, object]]:
     """Score a recorded bag of answers (a replay's, or the node's as recorded with its ground truth).
 
@@ -224,10 +231,10 @@ def score_results(
         results: the bag.
         buildings: names of the map's buildings.
         topic: where the matches are.
-        same_storey: of the map; None for a map of one storey a building.
+        same_storey, chance: of the map, as for `TraversalScore`.
 
     """
-    score = TraversalScore(buildings, same_storey=same_storey)
+    score = TraversalScore(buildings, same_storey=same_storey, chance=chance)
     matcher: TruthMatcher[wire.PlaceMatches] = TruthMatcher(waiting=_WAITING)
     for message in read_messages(results, topics=[topic, GROUND_TRUTH_TOPIC]):
         if message.topic == GROUND_TRUTH_TOPIC:

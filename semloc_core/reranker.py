@@ -20,6 +20,7 @@ from semloc_core.map_database import LoadedMap
 from semloc_core.map_database.weights import object_weights
 from semloc_core.posterior import Ranking, modes
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 
 Ints = NDArray[np.int64]
 
@@ -67,6 +68,7 @@ def _read(loaded: LoadedMap, building: str) -> tuple[GraphArrays, Ints, NDArray[
     return arrays, rows, weights
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Reranked:
     """What verification made of an answer.

@@ -38,6 +38,7 @@ from semloc_core.errors import BagError, GraphError, MessageError, SemlocError
 from semloc_core.graph_repair import mend
 from semloc_core.messages import Position, SceneGraphUpdate
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 from semloc_core.stream import Outcome, UpdateStream
 from semloc_core.truth import TOLERANCE_S, TruthMatcher
 
@@ -73,6 +74,7 @@ class RecordedStep(Protocol):
         """Its true heading there, radians."""
 
 
+@short_repr
 class RunItem(NamedTuple):
     """One update of a run, as text (it may be malformed).
 

@@ -34,12 +34,15 @@ class _Bracket:
     accepted_right: int = 0
     wrong_storey: int = 0
     right: dict[int, int] = field(default_factory=lambda: dict.fromkeys(TOP, 0))
+    chance: float = 0.0
     off_m: Histogram = field(default_factory=Histogram)
     poses: PoseErrors = field(default_factory=PoseErrors)
 
 
 SameStorey = Callable[[str, str, Position], bool]
 """Whether a place (a building and an id) is on the storey that a point of that building is on (m)."""
+Chance = Callable[[str, Position], float]
+"""The share of a map's places that are right where the robot is at a point (m) of a building."""
 
 
 def right_matches(answer: PlaceMatches, building: str, position: Position, same_storey: SameStorey) -> list[bool]:
@@ -69,12 +72,18 @@ class TraversalScore:
         left_out: names of buildings that the map has besides, in which no answer could be: where the truth is in one,
             answers are wrong.
         same_storey: of the map; None for a map of one storey a building.
+        chance: of the map; None where the map is not at hand.
 
     """
 
     def __init__(
-        self, buildings: Sequence[str], left_out: Sequence[str] = (), same_storey: SameStorey | None = None
+        self,
+        buildings: Sequence[str],
+        left_out: Sequence[str] = (),
+        same_storey: SameStorey | None = None,
+        chance: Chance | None = None,
     ) -> None:
+        self._chance = chance
         self._same_storey = same_storey or _one_storey
         self._buildings, self._left_out = tuple(buildings), frozenset(left_out)
         self._brackets = [_Bracket() for _ in FROM_METRES]
@@ -122,8 +131,10 @@ class TraversalScore:
         beside = answer.status == "match" and on_wrong_storey(answer, building, position, self._same_storey)
         error = error_of(answer, position, yaw)
         bracket = self._brackets[int(np.searchsorted(FROM_METRES, self._travelled, side="right")) - 1]
+        chance = self._chance(building, position) if self._chance is not None and building in self._buildings else 0.0
         for tally in (bracket, self._total):
             tally.queries += 1
+            tally.chance += chance
             tally.answered += bool(near)
             if answer.status == "match":
                 tally.accepted += 1
@@ -141,6 +152,8 @@ class TraversalScore:
         """One row for each distance bracket that has queries, and one for all.
 
         ``answered``: share of queries with any match listed (an unanswered one counts as wrong);
+        ``chance``: success@1 of a blind guess, the share of the map's places that are right, averaged over the queries
+        (null where the map is not at hand);
         ``accepted``: share with status ``match``; ``precision``: share of those that are right (null where none);
         ``wrong_storey``: how many of them are over or under the truth, on another storey;
         Figures of `PoseErrors` are of the first match's pose, where that match is right.
@@ -153,6 +166,7 @@ class TraversalScore:
                 "scope": scope,
                 "queries": b.queries,
                 "answered": b.answered / b.queries,
+                "chance": b.chance / b.queries if self._chance is not None else None,
                 **{f"success@{n}": b.right[n] / b.queries for n in TOP},
                 "accepted": b.accepted / b.queries,
                 "precision": b.accepted_right / b.accepted if b.accepted else None,

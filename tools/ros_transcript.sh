@@ -78,7 +78,7 @@ show ros2 param describe /localiser explain_rate_hz accept_probability explainer
 show ros2 param set /localiser top_n 0
 show ros2 topic list -t
 
-say '## A recorded run' ''
+say '## A simulated run, played from a bag' ''
 start ros2 bag play "$run" --loop
 wait_topic /localiser/attributions
 WIDTH=700 show ros2 topic echo --once --full-length --field data /localiser/matches

@@ -25,6 +25,7 @@ from semloc_core.cli.foreign_classes import report_unknown_classes
 from semloc_core.cli.outputs import Writes
 from semloc_core.config import LocaliserConfig, checked, options
 from semloc_core.file_kinds import BAG, TRAJECTORY
+from semloc_core.percent import percent
 
 if TYPE_CHECKING:
     from semloc_core.localiser import Localiser
@@ -38,7 +39,7 @@ OUTAGE_S = 60.0
 
 
 def replay(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="The recorded run.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The run: a bag, recorded or simulated.")],
     map_: Annotated[
         str, typer.Option("--map", metavar="MAP|URL", help="The map file, or milvus+http://host:port/name.")
     ],
@@ -205,4 +206,4 @@ def _line(answer: object, seconds: float) -> str:
 
 def _most(said: ClassAttributions) -> str:
     named = [of for of in said.classes[:4] if of.share >= 0.005]
-    return ", ".join(f"{of.class_} {math.copysign(of.share, of.score):.0%}" for of in named)
+    return ", ".join(f"{of.class_} {percent(math.copysign(of.share, of.score))}" for of in named)

@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.table import Table
 
 from semloc_core.cli.screen import many, print_whole
+from semloc_core.percent import percent
 from semloc_core.replay import ReplaySummary
 from semloc_core.traversal_score import FROM_METRES
 
@@ -14,6 +15,7 @@ MEASURES = {
     "success@1": "success@1",
     "success@5": "success@5",
     "success@10": "success@10",
+    "chance": "by chance @1",
     "accepted": "accepted (match)",
     "precision": "right of accepted",
     "wrong_storey": "wrong storey (match)",
@@ -48,7 +50,8 @@ def print_summary(title: str, summary: ReplaySummary, console: Console) -> None:
             table.add_row(name, *(_cell(row.get(figure)) for row in summary.rows))
         print_whole(table, console)
     answers = sum(summary.statuses.values())
-    statuses = ", ".join(f"{count} {name} ({count / answers:.0%})" for name, count in summary.statuses.most_common())
+    counts = summary.statuses.most_common()
+    statuses = ", ".join(f"{count} {name} ({percent(count / answers)})" for name, count in counts)
     for name, text in (
         ("status", f"{statuses or 'no answer'}, of {many(summary.updates, 'update')}"),
         ("probability", _calibrated(summary)),

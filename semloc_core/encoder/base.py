@@ -14,10 +14,12 @@ from torch import Tensor, nn
 from semloc_core.encoder.discriminant import Pairs
 from semloc_core.errors import ConfigError, ModelError
 from semloc_core.place_graph import Batch
+from semloc_core.short_repr import short_repr
 
 S = TypeVar("S", bound=msgspec.Struct)
 
 
+@short_repr
 @dataclass(frozen=True)
 class Extraction:
     """Which surroundings of a place an encoder reads.
@@ -45,6 +47,7 @@ class Extraction:
         return self.radius_m if self.kind == "ego" else 0.0
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Encoded:
     """Embeddings and what attention gave them.
@@ -83,6 +86,9 @@ class Encoder(nn.Module, ABC):
         if n_classes < 1:
             raise ConfigError(f"expected at least one class for encoder '{self.name}' (got {n_classes})")
         self.n_classes = n_classes
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.n_classes} classes, {self.dimension} numbers a place)"
 
     @property
     @abstractmethod

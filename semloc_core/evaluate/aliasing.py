@@ -21,6 +21,7 @@ from semloc_core.encoder import BagOfWordsEncoder, Encoder, HistogramEncoder, Pa
 from semloc_core.evaluate.rows import Row
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.place_graph import Batch, extract_all
+from semloc_core.short_repr import short_repr
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -29,6 +30,7 @@ LABELS_ONLY: tuple[type[Encoder], ...] = (PaperEncoder, BagOfWordsEncoder, Histo
 """Encoders that read class labels and edges; for those that read distances too, colours bound nothing."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Aliasing:
     """What colours say of the places of a map.

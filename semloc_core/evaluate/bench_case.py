@@ -14,6 +14,7 @@ from semloc_core.encoder import build_encoder
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.map_database import LoadedMap
 from semloc_core.model import Model, embed_graph
+from semloc_core.short_repr import short_repr
 from semloc_core.simulate.traversal import SimulationConfig, simulate_traversal
 from semloc_core.world.office import OfficeConfig, make_office
 
@@ -21,6 +22,7 @@ TEMPERATURE = 0.05
 NOISE = 0.3
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class BenchCase:
     """The office, an encoder of random weights (what it has learnt does not change its speed), and a run.

@@ -26,6 +26,7 @@ from semloc_core.explain.similarity import SimilarityQuery
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.labelspace import Labelspace
 from semloc_core.place_graph import Batch
+from semloc_core.short_repr import short_repr
 
 PLACES, COLUMNS, PITCH_M = 30, 6, 1.2
 OBJECTS, CLASSES = 30, 6
@@ -69,6 +70,7 @@ class Peer(nn.Module):
         return z @ self.target
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Case:
     """One query to explain, for this library and for its peers."""

@@ -25,6 +25,7 @@ from semloc_core.map_database import LoadedMap
 from semloc_core.map_database.write import stored_building
 from semloc_core.model import Model, embed_graph
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 from semloc_core.simulate.traversal import SimulationConfig, simulate_traversal
 from semloc_core.world import KINDS, draw_pair
 
@@ -36,6 +37,7 @@ PARTS = ("surroundings", "places proposed", "headings", "alignment", "confidence
 OFFICE_PLACES, HOMES_PLACES = 1_500, 5_000
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Walked:
     """A map with its scene graphs, and a run through one of its buildings as JSON text."""

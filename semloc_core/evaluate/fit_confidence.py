@@ -35,6 +35,7 @@ from semloc_core.layout.confidence import (
     perfect,
 )
 from semloc_core.outputs import Output, guarded
+from semloc_core.short_repr import short_repr
 from semloc_core.storeys import storey_at
 from semloc_core.training.config import PerturbConfig
 from semloc_core.training.perturb import perturb
@@ -59,6 +60,7 @@ PENALTY = 0.3
 Bools = NDArray[np.bool_]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Example:
     """One answer.

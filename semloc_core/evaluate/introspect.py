@@ -28,9 +28,11 @@ from semloc_core.explain.explainers import EXPLAINERS
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.labelspace import Labelspace
 from semloc_core.model import Model
+from semloc_core.short_repr import short_repr
 from semloc_core.training.config import PerturbConfig, TrainConfig, train_config
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Introspection:
     """All runs, and the rows that are printed and written.

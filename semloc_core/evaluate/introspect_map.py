@@ -19,6 +19,7 @@ from semloc_core.explain.scores import ObjectScores
 from semloc_core.explain.similarity import SimilarityQuery
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.model import Model, embed_graph
+from semloc_core.short_repr import short_repr
 
 Floats = NDArray[np.float64]
 
@@ -26,6 +27,7 @@ INVERTED = "inverted"
 """The control that is the first explainer's ranking upside down."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class MapIntrospection:
     """What explainers say of the places of one query graph, each paired with its own place in the map.

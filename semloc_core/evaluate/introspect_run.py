@@ -20,6 +20,7 @@ from semloc_core.evaluate.rows import Progress, no_progress
 from semloc_core.explain.explainers import EXPLAINERS
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.model import Model, embed_graph
+from semloc_core.short_repr import short_repr
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -29,6 +30,7 @@ SAME = 1e-5
 """Embeddings that differ by less are the same but for rounding."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Run:
     """One run's figures; of each explainer and, under ``ablation``, of class removal.

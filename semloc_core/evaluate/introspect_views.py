@@ -13,12 +13,14 @@ from semloc_core.evaluate import metrics
 from semloc_core.evaluate.introspect_run import Run
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.model import Model, embed_graph
+from semloc_core.short_repr import short_repr
 from semloc_core.training.split import positive_pairs
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Matrices:
     """Place–query matrices of the held-out places: truth, bag of words, model.

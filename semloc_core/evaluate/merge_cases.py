@@ -22,6 +22,7 @@ from semloc_core.graph_arrays import Floats, GraphArrays
 from semloc_core.labelspace import Labelspace, union
 from semloc_core.map_merge.transform import Transform
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 from semloc_core.training.config import PERTURBATIONS, PerturbConfig
 from semloc_core.training.perturb import perturb
 from semloc_core.training.resample import nearest_parents
@@ -52,6 +53,7 @@ class LifeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     range_m: Annotated[float, Meta(gt=0.0, le=1e3, description="what is seen from the way, m along the graph")] = 5.0
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Visit:
     """A traversal that is merged.
@@ -66,6 +68,7 @@ class Visit:
     truth: Transform
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Case:
     """One building.

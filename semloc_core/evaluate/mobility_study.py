@@ -22,6 +22,7 @@ from semloc_core.evaluate.rows import Progress, no_progress
 from semloc_core.explain.explainers import EXPLAINERS
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.labelspace import Labelspace
+from semloc_core.short_repr import short_repr
 from semloc_core.training.config import TrainConfig, train_config
 
 Floats = NDArray[np.float64]
@@ -30,6 +31,7 @@ MOVED_M = 2.0
 PLACES = 200
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class MobilityRun:
     """Of one seed.

@@ -14,11 +14,13 @@ from semloc_core.evaluate.relocalise import Arena
 from semloc_core.evaluate.walks import Walk, WalkConfig, walk
 from semloc_core.graph_arrays import Floats, Ints
 from semloc_core.sequence import MapModel, PlaceFilter, map_model
+from semloc_core.short_repr import short_repr
 
 Bools = NDArray[np.bool_]
 Similarities = NDArray[np.float32]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class OnlineWalk:
     """A walk, and the building (an index) that it is in."""
@@ -73,6 +75,22 @@ def steps_at(walk: Walk, scopes_m: Sequence[float]) -> Ints:
     return np.minimum(np.searchsorted(walk.metres, scopes_m), walk.steps - 1).astype(np.int64)
 
 
+def by_chance(arena: Arena, path: OnlineWalk, at: Ints, radius_m: float, *, known: bool = False) -> Floats:
+    """(K,) the share of the database's places that are right (`verdict`) at K steps: success@1 of a blind guess.
+
+    Args:
+        arena: its maps are the database.
+        path: the walk.
+        at: (K,) steps.
+        radius_m: how near is right.
+        known: guess in the robot's building alone.
+
+    """
+    rows = np.flatnonzero(arena.building == path.building) if known else np.arange(len(arena.building))
+    found: Floats = verdict(arena, path, at, np.tile(rows, (len(at), 1)), radius_m)[:, : len(rows)].mean(axis=1)
+    return found
+
+
 def verdict(arena: Arena, path: OnlineWalk, at: Ints, best: Ints, radius_m: float) -> Bools:
     """(K, 10) whether each answer is right, at K steps.
 
@@ -88,5 +106,5 @@ def verdict(arena: Arena, path: OnlineWalk, at: Ints, best: Ints, radius_m: floa
     asked = path.walk.at(at)
     right: Bools = arena.right(best, path.building, asked.truth(), radius_m) & (best >= 0)
     right &= answered(asked)[:, None]
-    missing = max(metrics.RANKS) - right.shape[1]
+    missing = max(max(metrics.RANKS) - right.shape[1], 0)
     return np.pad(right, ((0, 0), (0, missing)))

@@ -31,6 +31,7 @@ from semloc_core.layout.placed import Placed
 from semloc_core.model import Model, embed_graph
 from semloc_core.place_graph import extract_all
 from semloc_core.pose_error import PoseErrors
+from semloc_core.short_repr import short_repr
 from semloc_core.storeys import storey_at
 from semloc_core.training.config import TrainConfig
 from semloc_core.training.loop import Report, train
@@ -38,6 +39,7 @@ from semloc_core.training.loop import Report, train
 BASELINES = ("bag_of_words", "tfidf", "histogram", "rings")
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Building:
     """A building mapped and seen again."""
@@ -47,6 +49,7 @@ class Building:
     query: HydraFile
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Arena:
     """All buildings as arrays in one labelspace; the database is the places of all maps, building by building.
@@ -99,6 +102,12 @@ class Arena:
         found &= self.storey[best] == self.truth_storeys(building, truth)[:, None]
         return found
 
+    def chance(self, building: int, radius_m: float) -> Floats:
+        """(Q,) the share of all places that are right for each query of a building: success@1 of a blind guess."""
+        every = np.arange(len(self.building))[None]
+        found: Floats = self.right(every, building, self.queries[building].place_positions, radius_m).mean(axis=1)
+        return found
+
 
 def evaluate_relocalise(
     root: Path,
@@ -131,8 +140,9 @@ def evaluate_relocalise(
 
     Returns:
         For each method a row for ``all`` and one a building: ``success@N`` for N = 1, 5, 10 with a 95 % bootstrap
-        interval ``_low``, ``_high`` and ``queries``. A building's interval is over its queries; that of ``all``
-        over buildings, since what can vary is which buildings a robot meets (over queries where there is only one).
+        interval ``_low``, ``_high``, ``queries``, and ``chance`` (`Arena.chance`, averaged). A building's interval is
+        over its queries; that of ``all`` over buildings, since what can vary is which buildings a robot meets (over
+        queries where there is only one).
 
     Raises:
         FileFormatError: no building in the folder, or a file that can't be read.
@@ -219,7 +229,8 @@ def judge_arena(method: str, model: Model, arena: Arena, radius_m: float, seed: 
     names = [query.name for query in arena.queries]
     of_building = np.repeat(np.arange(len(right)), [len(found) for found in right]).astype(np.int64)
     rows = [_row(method, "all", np.concatenate(right), rng, of_building if len(right) > 1 else None)]
-    return rows + [_row(method, name, found, rng, None) for name, found in zip(names, right, strict=True)]
+    rows += [_row(method, name, found, rng, None) for name, found in zip(names, right, strict=True)]
+    return _with_chance(rows, arena, radius_m)
 
 
 def judge_layout(method: str, model: Model, arena: Arena, radius_m: float, seed: int) -> list[Row]:
@@ -251,6 +262,7 @@ def judge_layout(method: str, model: Model, arena: Arena, radius_m: float, seed:
     of_building = np.repeat(np.arange(len(right)), [len(found) for found in right]).astype(np.int64)
     rows = [_row(name, "all", every, rng, of_building if len(right) > 1 else None)]
     rows += [_row(name, query.name, found, rng, None) for query, found in zip(arena.queries, right, strict=True)]
+    rows = _with_chance(rows, arena, radius_m)
     for row, said, found in zip(rows, [np.concatenate(sure), *sure], [every, *right], strict=True):
         row["ece"] = expected_calibration_error(said, found[:, 0])
     for row, tally in zip(rows, [whole, *errors], strict=True):
@@ -258,6 +270,14 @@ def judge_layout(method: str, model: Model, arena: Arena, radius_m: float, seed:
     if len(arena.queries) > 1:
         accepted = accepted_share(np.concatenate(sure), np.concatenate(abroad), every[:, 0])
         rows.append({"method": name, "scope": "foreign", "queries": len(every), **accepted})
+    return rows
+
+
+def _with_chance(rows: list[Row], arena: Arena, radius_m: float) -> list[Row]:
+    """The rows of all buildings and of each, with the share of places that are right."""
+    each = [arena.chance(building, radius_m) for building in range(len(arena.queries))]
+    for row, of in zip(rows, [np.concatenate(each), *each], strict=True):
+        row["chance"] = float(of.mean()) if len(of) else float("nan")
     return rows
 
 

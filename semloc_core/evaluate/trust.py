@@ -31,6 +31,7 @@ from semloc_core.layout.confidence import confidence
 from semloc_core.layout.placed import Placed, placed
 from semloc_core.model import Model, embed_graph
 from semloc_core.posterior import IN_MAP
+from semloc_core.short_repr import short_repr
 
 SCOPES_M = (0.0, 2.5, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 40.0)
 LISTED = 10
@@ -41,6 +42,7 @@ NAMED = 3
 """Classes that are named as what speaks for either place."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Judged:
     """One answer.
@@ -55,6 +57,7 @@ class Judged:
         found: the test of the likeliest places; None where nothing fitted anywhere.
         rows: (N,) the places listed, best first.
         said: (N,) the probability of each.
+        chance: the share of the map's places that are right.
         rights: (N,) which of them are within the match radius of the robot and on its storey.
         right: so is the first one.
         wrong_storey: the first one is within the match radius of the robot or above or below it, on another storey.
@@ -77,6 +80,7 @@ class Judged:
     found: Verified | None
     rows: Ints
     said: Floats
+    chance: float
     rights: NDArray[np.bool_]
     right: bool
     wrong_storey: bool
@@ -89,6 +93,7 @@ class Judged:
     yaw: float = 0.0
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Study:
     """All answers, and what they were given from."""
@@ -159,6 +164,7 @@ def study_trust(
                     found=found,
                     rows=rows,
                     said=said,
+                    chance=float(near.mean() * known[k]),
                     rights=near[rows] & known[k],
                     right=bool(known[k] and near[rows[0]]),
                     wrong_storey=bool(known[k] and beside and not same),

@@ -15,6 +15,7 @@ from semloc_core.evaluate.rows import Row
 from semloc_core.evaluate.trust import Judged, Study, strangers
 from semloc_core.graph_arrays import Floats
 from semloc_core.pose_error import PoseErrors
+from semloc_core.short_repr import short_repr
 
 STATUSES = ("match", "ambiguous", "unknown")
 THRESHOLDS = (0.5, 0.8, 0.9)
@@ -29,8 +30,8 @@ LEAST = 5
 def status_rows(study: Study) -> list[Row]:
     """By metres walked: how many answers are right, what each status's share of the answers is, and how often right.
 
-    The errors of the pose (`PoseErrors.figures`) are those of right answers. Rows of scope ``foreign …``: the same
-    shares with the robot's building left out of the map.
+    The errors of the pose (`PoseErrors.figures`) are those of right answers. ``chance``: how many blind guesses would
+    be right. Rows of scope ``foreign …``: the same shares with the robot's building left out of the map.
     """
     rows: list[Row] = []
     for scope in _scopes(study):
@@ -39,6 +40,7 @@ def status_rows(study: Study) -> list[Row]:
             "method": "rings + layout",
             "scope": f"{scope:g}m",
             "queries": len(answers),
+            "chance": float(np.mean([judged.chance for judged in answers])),
             "right": float(np.mean([judged.right for judged in answers])),
         }
         for status in STATUSES:
@@ -127,6 +129,7 @@ def condition_rows(study: Study, least_m: float = 5.0, most_m: float = 10.0) -> 
             "method": "rings + layout",
             "scope": name,
             "queries": len(group),
+            "chance": float(np.mean([judged.chance for judged in group])),
             "right": float(np.mean([judged.right for judged in group])),
             "match": float(np.mean([judged.status == "match" for judged in group])),
             "match_wrong": sum(judged.status == "match" and not judged.right for judged in group),
@@ -173,6 +176,7 @@ def reliability_points(answers: Sequence[Judged], seed: int = 0) -> list[tuple[f
     return points
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Laid:
     """A wrong answer, ready to be drawn; all in metres, each in its building's frame.

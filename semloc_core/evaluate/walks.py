@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from semloc_core.drift import DriftMeter
 from semloc_core.errors import GraphError
 from semloc_core.graph_arrays import Floats, GraphArrays, Ints
+from semloc_core.short_repr import short_repr
 from semloc_core.simulate.drift import Frame
 
 Bools = NDArray[np.bool_]
@@ -87,6 +88,7 @@ class Written:
         return found
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Walk:
     """T steps from place to neighbouring place.

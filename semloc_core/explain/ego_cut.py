@@ -13,10 +13,12 @@ from semloc_core.encoder.base import Extraction
 from semloc_core.geodesic import ranges
 from semloc_core.graph_arrays import GraphArrays
 from semloc_core.place_graph import Batch, extract_all, reach_all_batch
+from semloc_core.short_repr import short_repr
 
 Ints = NDArray[np.int64]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class PlaceBatches:
     """The batch of each place of a building, alone: the same embedding as from the building as a whole.

@@ -18,6 +18,7 @@ from semloc_core.errors import ConfigError
 from semloc_core.explain.scores import ObjectScores
 from semloc_core.explain.similarity import SimilarityQuery
 from semloc_core.messages import Fidelity
+from semloc_core.short_repr import short_repr
 
 Floats = NDArray[np.float64]
 
@@ -26,6 +27,7 @@ BUDGET = 0.3
 BUDGETS = tuple(round(0.1 * i, 1) for i in range(1, 11))
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class FidelityCurve:
     """One explainer's fidelity on one query.

@@ -20,11 +20,13 @@ from semloc_core.encoder.layers import SumLayer, trim
 from semloc_core.encoder.paper import TINY, PaperEncoder
 from semloc_core.explain.paper_root import Attended, RootAttention
 from semloc_core.place_graph import Batch
+from semloc_core.short_repr import short_repr
 
 MOST_NODES = 600
 """Beyond these the dense adjacency matrix costs more than it saves."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class CopiedLayer:
     """A sum layer, its batch norm as a factor and an offset."""

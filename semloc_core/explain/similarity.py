@@ -23,6 +23,7 @@ from semloc_core.explain.intrinsic import intrinsic_scores
 from semloc_core.explain.perturbed import NODES_AT_ONCE, PerturbedEncoder, normal, products
 from semloc_core.explain.scores import ObjectScores
 from semloc_core.place_graph import Batch
+from semloc_core.short_repr import short_repr
 
 
 class Similarity(Protocol):
@@ -41,6 +42,7 @@ class Similarity(Protocol):
         """
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class SimilarityQuery:
     """One query place and one map place, for explainers to ask about.

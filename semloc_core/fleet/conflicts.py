@@ -10,8 +10,10 @@ from semloc_core.fleet.reading import State
 from semloc_core.map_database.history import ClassChange, unpack_history
 from semloc_core.map_database.loaded import StoredBuilding
 from semloc_core.map_database.records import PlaceRows
+from semloc_core.short_repr import short_repr
 
 
+@short_repr
 @dataclass(frozen=True)
 class Draft:
     """A building that is to be written.

@@ -17,8 +17,10 @@ from semloc_core.map_database.history import ClassChange
 from semloc_core.map_database.loaded import StoredBuilding
 from semloc_core.map_database.records import PlaceRows
 from semloc_core.model import Model
+from semloc_core.short_repr import short_repr
 
 
+@short_repr
 @dataclass(frozen=True)
 class BuildingEntry:
     """One building in the catalogue.
@@ -44,6 +46,7 @@ class BuildingEntry:
     changes: Mapping[str, ClassChange] = field(default_factory=dict)
 
 
+@short_repr
 @dataclass(frozen=True)
 class Catalogue:
     """One consistent state of a map, without its places.
@@ -69,6 +72,7 @@ class Catalogue:
         return sum(entry.n_places for entry in self.buildings.values())
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Nearest:
     """The places most similar to a query, by falling similarity.
@@ -85,6 +89,7 @@ class Nearest:
     similarities: NDArray[np.float32]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Fetched:
     """One building as it was committed; its content is checked against ``entry.digest``."""

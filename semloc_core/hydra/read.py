@@ -29,6 +29,7 @@ from semloc_core.hydra.labels import LabelNames
 from semloc_core.hydra.write import Room
 from semloc_core.labelspace import LARGEST_ID, Labelspace
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
 
 FRAME_ID = "map"  # Hydra's; the files do not name theirs
@@ -69,6 +70,7 @@ class AgentPose:
         return robot_of(self.id)
 
 
+@short_repr
 @dataclass(frozen=True)
 class HydraFile:
     """What a file holds.

@@ -13,6 +13,7 @@ from semloc_core.errors import FileFormatError
 from semloc_core.hydra.format import OBJECT_LABELSPACE
 from semloc_core.labelspace import Labelspace
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 from semloc_core.whole_file import write_whole
 from semloc_core.wire import Object, Position
 
@@ -23,6 +24,7 @@ BLACK = {"a": 255, "b": 0, "g": 0, "r": 0}
 LARGEST_INDEX = 2**56 - 1
 
 
+@short_repr
 @dataclass(frozen=True)
 class Room:
     """A room: its name, its centre (m), and the ids of its places."""

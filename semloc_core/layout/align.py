@@ -23,6 +23,7 @@ from semloc_core.layout.fragment import Fragment
 from semloc_core.layout.mapped import MappedLayout
 from semloc_core.layout.seen import expected
 from semloc_core.layout.there import Complex, There, around_rows
+from semloc_core.short_repr import short_repr
 
 ROUNDS = 4
 """Rounds of expectation–maximisation; they settle in two or three."""
@@ -30,6 +31,7 @@ FAR = 3.0
 """Pairs that are further apart to begin with than so many standard deviations are none."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Aligned:
     """T poses, fitted.

@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from semloc_core.geodesic import ranges
 from semloc_core.graph_arrays import Floats, Ints
 from semloc_core.layout.config import LayoutConfig
+from semloc_core.short_repr import short_repr
 
 Floats32 = NDArray[np.float32]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Around:
     """Objects in reach of M places, by place: 20 bytes for each.

@@ -25,6 +25,7 @@ from semloc_core.graph_arrays import Floats, Ints
 from semloc_core.layout.fragment import Fragment
 from semloc_core.layout.mapped import MappedLayout
 from semloc_core.layout.verifier import Verified
+from semloc_core.short_repr import short_repr
 
 FEATURES = (
     "margin",
@@ -47,6 +48,7 @@ CLIP = 3.0
 """Features count up to so many standard deviations from the mean: beyond, nothing was learnt."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Confidence:
     """What may be believed of a verified answer.
@@ -143,6 +145,7 @@ def confidence(
     return Confidence(probability, in_map, np.lexsort((np.arange(len(probability)), found.off, -probability)), answers)
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Answers:
     """Where the robot may be.
@@ -253,6 +256,7 @@ def masses(verified: Verified, mapped: MappedLayout, sharpness: float = SHARPNES
     return Tested.of(verified, mapped).masses(sharpness)
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Tested:
     """Which of T places tested, best first, are one answer.

@@ -13,6 +13,7 @@ from semloc_core.layout.seen import expected_each
 from semloc_core.layout.there import Complex, There, around_rows
 from semloc_core.layout.verifier import LayoutVerifier, Verified
 from semloc_core.layout.vote import HEADINGS, STEP
+from semloc_core.short_repr import short_repr
 
 EXPLAINED = float(np.log(2.0))
 """Nats from which on an object is likelier a mapped one than invented."""
@@ -34,6 +35,7 @@ class Missed:
     lost: float
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """The score of one place, taken apart: a sum, so each part is exactly what it adds.

@@ -12,12 +12,14 @@ from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.labelspace import Labelspace
 from semloc_core.layout.config import LayoutConfig
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 
 CELL_M = 0.8
 """Places are thinned to one a cell of this size, so that a mapper that lays them closer has no louder voice."""
 _MOST_CELLS = 2.0**17
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Fragment:
     """The surroundings of a place, in a gravity-aligned frame with the place as its origin.

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from semloc_core.graph_arrays import Floats, Ints
 from semloc_core.layout.mapped import MappedLayout
+from semloc_core.short_repr import short_repr
 
 Complex = NDArray[np.complex128]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class There:
     """Mapped objects around T places: E in all, by place.

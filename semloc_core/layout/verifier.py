@@ -16,8 +16,10 @@ from semloc_core.layout.fragment import Fragment
 from semloc_core.layout.mapped import MappedLayout
 from semloc_core.layout.part import APART_M, LayoutPart
 from semloc_core.layout.vote import best_poses, heading_scores
+from semloc_core.short_repr import short_repr
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Tried:
     """P aligned poses, best first; a place may have several, with headings of their own.

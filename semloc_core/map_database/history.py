@@ -12,6 +12,7 @@ import msgspec
 
 from semloc_core.errors import MapError
 from semloc_core.messages import Count, Fraction, Name, Position
+from semloc_core.short_repr import short_repr
 
 MAX_HISTORY_BYTES = 128 * 2**20  # of a building's history as JSON
 
@@ -78,6 +79,7 @@ class Traversal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     run: str = ""
 
 
+@short_repr
 class Before(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A building as it was before the last merge: its scene graph, as packed for storage, and its history."""
 
@@ -87,6 +89,7 @@ class Before(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     history: bytes
 
 
+@short_repr
 class History(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """A building's history: traversals merged, in order, and what is believed of objects and classes since.
 

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from semloc_core.building_patterns import matching_buildings
 from semloc_core.classes import read_graph
+from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.encoder.query import QueryEncoder
 from semloc_core.errors import MapError
 from semloc_core.map_database.history import ClassChange, History, unpack_history
@@ -39,12 +40,14 @@ from semloc_core.map_database.weights import class_weights
 from semloc_core.model import Model
 from semloc_core.place_graph import Batch
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 from semloc_core.storeys import separate, storey_at
 from semloc_core.wire import Position
 
 logger = logging.getLogger(__name__)
 
 
+@short_repr
 @dataclass(frozen=True)
 class StoredBuilding:
     """One building: its source, frame, when it was made (ns, or None), packed scene graph and history.
@@ -62,6 +65,7 @@ class StoredBuilding:
     storeys: tuple[int, ...] | None = None
 
 
+@short_repr
 @dataclass(frozen=True)
 class Whole:
     """The map that a part was taken from: what is published of it, and what its classes weigh.
@@ -80,6 +84,7 @@ class Whole:
     buildings: tuple[str, ...] = ()
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class LoadedMap:
     """All places of all buildings, buildings by name and places by id within each.
@@ -142,12 +147,21 @@ class LoadedMap:
 
     def same_storey(self, building: str, place_id: str, position: Position) -> bool:
         """Whether a place of a building is on the storey that a point (m) of that building is on."""
+        return bool(self.storeys[self.row(building, place_id)] == self._storey_of(building, position))
+
+    def chance(self, building: str, position: Position) -> float:
+        """The share of all places that are right where the robot is at a point (m) of a building: a blind guess's."""
+        rows = self.rows_of(building)
+        away = np.linalg.norm(self.positions[rows] - np.array(position, dtype=np.float64), axis=1)
+        right = (away <= MATCH_RADIUS_M) & (self.storeys[rows] == self._storey_of(building, position))
+        whole = self.part_of.n_places if self.part_of is not None else self.n_places
+        return float(right.sum() / whole)
+
+    def _storey_of(self, building: str, position: Position) -> int:
+        """The storey that a point of a building is on."""
         rows = self.rows_of(building)
         storeys = self.storeys[rows]
-        if not storeys.any():
-            return True
-        on = storey_at(np.array(position, dtype=np.float64), self.positions[rows], storeys)
-        return bool(self.storeys[self.row(building, place_id)] == on)
+        return storey_at(np.array(position, dtype=np.float64), self.positions[rows], storeys) if storeys.any() else 0
 
     @cached_property
     def index(self) -> ExactSearch:

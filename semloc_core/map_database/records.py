@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from semloc_core.errors import GraphError, MapError, MessageError
 from semloc_core.map_database.history import History, unpack_history
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 from semloc_core.storeys import storeys_of
 from semloc_core.wire import decode_update, encode
 
@@ -31,6 +32,7 @@ MAX_BUILDINGS = 100_000
 _CHECK_BYTES = 32
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class PlaceRows:
     """Places of one building, by rising id.
@@ -68,6 +70,7 @@ class Note(TypedDict, total=False):
     stamp_ns: int | None
 
 
+@short_repr
 @dataclass(frozen=True)
 class PackedGraph:
     """A building's scene graph: a full ``scene_graph_update`` in JSON, compressed by zlib."""

@@ -24,8 +24,10 @@ from semloc_core.map_merge.places import PlaceMatch, match_places
 from semloc_core.map_merge.revise import Revision, revise
 from semloc_core.place_graph.free_space import place_cells
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Merged:
     """What a building has become.
@@ -47,6 +49,7 @@ class Merged:
         return self.history.traversals[-1]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Side:
     """A scene graph as alignment and comparison read it.

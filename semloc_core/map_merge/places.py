@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from semloc_core.graph_arrays import Floats, GraphArrays, Ints
+from semloc_core.short_repr import short_repr
 from semloc_core.training.resample import place_spacing
 
 APART = 1.5
 """A place is new where the map has none within so many spacings."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class PlaceMatch:
     """How the P' places of a traversal lie on the P of the map.

@@ -15,6 +15,7 @@ from semloc_core.map_merge.persistence import Verdict
 from semloc_core.map_merge.places import PlaceMatch
 from semloc_core.map_merge.transform import Transform
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ MOST_AVERAGED = 10
 """A position is a mean of at most so many traversals: an object that creeps is followed."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Revision:
     """The building as it is now.

@@ -9,8 +9,10 @@ from importlib.resources import files
 
 from semloc_core.evaluate.rows import Row
 from semloc_core.evaluate.table import cell, columns
+from semloc_core.short_repr import short_repr
 
 
+@short_repr
 @dataclass(frozen=True)
 class Table:
     """Figures in rows; ``note`` says what the columns mean, or what was left out."""
@@ -20,6 +22,7 @@ class Table:
     note: str = ""
 
 
+@short_repr
 @dataclass(frozen=True)
 class Section:
     """One figure of the page.
@@ -52,6 +55,7 @@ class Fact:
     label: str
 
 
+@short_repr
 @dataclass(frozen=True)
 class Page:
     """What a page says, before it is HTML.

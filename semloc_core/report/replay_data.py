@@ -26,6 +26,7 @@ from semloc_core.evaluate.rows import Row
 from semloc_core.map_database.loaded import LoadedMap
 from semloc_core.report.thinned import Thinned
 from semloc_core.run import Run, decode_truth
+from semloc_core.short_repr import short_repr
 from semloc_core.traversal_score import LatencyHistogram, TraversalScore
 from semloc_core.truth import TOLERANCE_S, TruthMatcher
 
@@ -38,6 +39,7 @@ _WAITING = 100
 """Answers that wait for their true position at most."""
 
 
+@short_repr
 @dataclass(frozen=True)
 class Point:
     """One answer, as drawn.
@@ -60,6 +62,7 @@ class Point:
     latency_ms: float | None
 
 
+@short_repr
 @dataclass(frozen=True)
 class Attributed:
     """Shares of classes in one answer (they sum to 1), and how many objects of each class had a part in it."""
@@ -69,6 +72,7 @@ class Attributed:
     instances: dict[str, int]
 
 
+@short_repr
 @dataclass
 class WrongPlace:
     """A place of the map that was the top match where it should not have been.
@@ -93,6 +97,7 @@ class WrongPlace:
         return self.error_m / same if same else None
 
 
+@short_repr
 @dataclass
 class ReplayData:
     """What a replay's report shows; every list is bounded, whatever the bag's length.
@@ -202,7 +207,7 @@ class _Gathering:
         self.start_ns: int | None = None
         self._map = loaded
         self._data = ReplayData()
-        self._score = TraversalScore(loaded.buildings, same_storey=loaded.same_storey)
+        self._score = TraversalScore(loaded.buildings, same_storey=loaded.same_storey, chance=loaded.chance)
         self._latency = LatencyHistogram()
         self._matcher: TruthMatcher[tuple[float, wire.PlaceMatches]] = TruthMatcher(round(tolerance_s * 1e9), _WAITING)
         self._attributed: dict[int, wire.ClassAttributions] = {}

@@ -10,6 +10,7 @@ import numpy as np
 from semloc_core import __version__
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.map_database.loaded import LoadedMap
+from semloc_core.percent import percent
 from semloc_core.report import replay_sections as sections
 from semloc_core.report.colours import ClassLooks
 from semloc_core.report.floor_plan import Plan
@@ -107,11 +108,11 @@ def _facts(data: ReplayData) -> list[Fact]:
     facts = [Fact(f"{data.answers:,}", "answers")]
     if data.rows:
         total = data.rows[-1]
-        facts.append(Fact(sections.percent(total["success@1"]), f"of top matches within {MATCH_RADIUS_M:g} m"))
-        facts.append(Fact(sections.percent(total["success@5"]), "with a right place among the first 5"))
-    facts.append(Fact(sections.percent(data.statuses["match"] / data.answers), "accepted (status match)"))
+        facts.append(Fact(sections.share_of(total, "success@1"), f"of top matches within {MATCH_RADIUS_M:g} m"))
+        facts.append(Fact(sections.share_of(total, "success@5"), "with a right place among the first 5"))
+    facts.append(Fact(percent(data.statuses["match"] / data.answers), "accepted (status match)"))
     if data.rows and data.rows[-1]["precision"] is not None:
-        facts.append(Fact(sections.percent(data.rows[-1]["precision"]), "of the accepted ones right"))
+        facts.append(Fact(sections.share_of(data.rows[-1], "precision"), "of the accepted ones right"))
     known = [p.match.similarity for p in data.points if p.match is not None]
     if known:
         facts.append(Fact(f"{np.median(known):.2f}", "similarity of the top match, median"))

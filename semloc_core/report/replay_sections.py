@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.evaluate.rows import Row
+from semloc_core.percent import percent
 from semloc_core.report.colours import OTHER, ClassLooks
 from semloc_core.report.drawing import to_svg
 from semloc_core.report.floor_plan import Plan, building_figure, confusion_figure, path_figure
@@ -27,10 +28,11 @@ CONFUSIONS = 10
 """Spots listed at most among those that wrong answers fell on."""
 
 
-def percent(value: object) -> str:
-    """A share as a person reads it."""
+def share_of(row: Row, figure: str) -> str:
+    """A row's figure as a percentage."""
+    value = row[figure]
     assert isinstance(value, int | float), value
-    return f"{value:.0%}"
+    return percent(value)
 
 
 def where(data: ReplayData, plans: Sequence[Plan]) -> Section:
@@ -106,8 +108,8 @@ def success(data: ReplayData) -> Section | None:
     return Section(
         "success",
         "How often it was right, by distance travelled",
-        f"Over the whole walk the first place named was right in {percent(total['success@1'])} of the answers and one "
-        f"of the first ten in {percent(total['success@10'])}; bars that rise to the right say that seeing more helps.",
+        f"Over the whole walk the first place named was right in {share_of(total, 'success@1')} of the answers and one "
+        f"of the first ten in {share_of(total, 'success@10')}; bars that rise to the right say that seeing more helps.",
         to_svg(success_figure(data.rows), "success", f"Bars of success by distance travelled; {_spoken(rows)}"),
         [
             Table(
@@ -122,7 +124,7 @@ def success(data: ReplayData) -> Section | None:
 
 
 def _spoken(rows: Sequence[Row]) -> str:
-    return "; ".join(f"{row['travelled']}: success@1 {percent(row['success@1'])}" for row in rows)
+    return "; ".join(f"{row['travelled']}: success@1 {share_of(row, 'success@1')}" for row in rows)
 
 
 def confidence(data: ReplayData) -> Section:

@@ -19,6 +19,7 @@ from semloc_core.config import checked
 from semloc_core.geodesic import ball
 from semloc_core.messages import Odometry, Position, SceneGraphUpdate
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 from semloc_core.simulate.drift import Frame
 from semloc_core.simulate.sensor import Delta, DetectorErrors, Revealed, perceive
 from semloc_core.simulate.walk import WalkPoint, walk_along, walk_to_goals
@@ -105,6 +106,7 @@ class SimulationConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         return config
 
 
+@short_repr
 class Step(NamedTuple):
     """One update of a simulated run.
 

@@ -13,11 +13,13 @@ from semloc_core.errors import ConfigError, GraphError
 from semloc_core.evaluate.walks import WalkConfig, walk
 from semloc_core.graph_arrays import Floats, GraphArrays
 from semloc_core.place_graph import Batch, reach_all_batch, union
+from semloc_core.short_repr import short_repr
 
 SHORTEST_M = 1.0
 """Least distance walked before a fragment is cut, but for those at the start."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Fragments:
     """Query places, each with what had been seen when the robot stood there.

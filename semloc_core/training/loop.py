@@ -25,6 +25,7 @@ from semloc_core.graph_arrays import Floats, GraphArrays, Ints
 from semloc_core.labelspace import Labelspace
 from semloc_core.model import Model
 from semloc_core.place_graph import Batch, extract_all, take_stars, union
+from semloc_core.short_repr import short_repr
 from semloc_core.training.config import PerturbConfig, TrainConfig
 from semloc_core.training.fragments import join
 from semloc_core.training.losses import Loss, build_loss, ignore_radius
@@ -62,6 +63,7 @@ class Report:
     val_pr_auc: float
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class TrainResult:
     """A trained model and how it came to be.

@@ -13,12 +13,14 @@ from semloc_core.encoder.base import Extraction
 from semloc_core.graph_arrays import Floats, GraphArrays
 from semloc_core.labelspace import Labelspace
 from semloc_core.place_graph import Batch, extract_all
+from semloc_core.short_repr import short_repr
 from semloc_core.training.config import PerturbConfig
 from semloc_core.training.fragments import Fragments, draw_fragments
 from semloc_core.training.perturb import perturb
 from semloc_core.training.split import PARTS, Bools, Part, Split, positive_pairs
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Variant:
     """One perturbed variant of a building, ready for an encoder.

@@ -12,6 +12,7 @@ import numpy as np
 from semloc_core.hydra.write import Room, node_id, write_hydra
 from semloc_core.labelspace import Labelspace, load_labelspace
 from semloc_core.scene_graph import SceneGraph
+from semloc_core.short_repr import short_repr
 from semloc_core.wire import Object, Place, SceneGraphUpdate
 from semloc_core.world.floor_plan import CORRIDOR, FloorPlan, RoomKind, corridor_plan
 from semloc_core.world.furniture import Furniture, Item, furnish
@@ -93,6 +94,7 @@ class OfficeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     labelspace: str = "uhumans2_office"
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class World:
     """A generated building.
