@@ -205,7 +205,7 @@ def walk(graph: GraphArrays, config: WalkConfig, rng: np.random.Generator) -> Wa
         GraphError: no place has a neighbour to walk to.
 
     """
-    way_rng, noise_rng, flicker_rng, drift_rng = rng.spawn(4)
+    way_rng, noise_rng, flicker_rng = rng.spawn(3)
     lengths = graph.edge_lengths()
     n = graph.n_places
     # An edge of no length would vanish from a sparse matrix.
@@ -217,7 +217,7 @@ def walk(graph: GraphArrays, config: WalkConfig, rng: np.random.Generator) -> Wa
     seen_places = np.logical_or.accumulate(in_range, axis=0)
     now, seen_objects = _seen_objects(perceived, in_range, config.flicker_rate, flicker_rng)
     drifts = config.drift > 0
-    frames = _frames(graph.place_positions[places], metres, config.drift, drift_rng) if drifts else ()
+    frames = _frames(graph.place_positions[places], metres, config.drift, rng.spawn(1)[0]) if drifts else ()
     written = Written(
         _written(in_range, seen_places, drifts),
         _written(now & seen_objects, seen_objects, drifts),

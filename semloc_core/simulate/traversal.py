@@ -160,7 +160,8 @@ def simulate_traversal(
 
     """
     config = SimulationConfig.of(**msgspec.structs.asdict(config))
-    walk_rng, detector_rng, flicker_rng, odometry_rng, drift_rng = rng.spawn(5)
+    walk_rng, detector_rng, flicker_rng, odometry_rng = rng.spawn(4)
+    drift_rng = rng.spawn(1)[0] if config.drift else None
     step_m = config.speed_mps / config.rate_hz
     if agents:
         poses = [pose.position for pose in sorted(agents, key=lambda pose: pose.stamp_ns)]
@@ -175,7 +176,7 @@ def simulate_traversal(
         seconds = seq / config.rate_hz
         if config.duration_s and seconds > config.duration_s:
             return
-        if config.drift:
+        if drift_rng is not None:
             frame = frame.drifted(np.array(point.position), point.travelled - last, drift_rng, config.drift)
             last = point.travelled
         in_range = _in_range(graph, point, config.range_m)
