@@ -26,6 +26,7 @@ from semloc_core.labelspace import (
     union,
 )
 from semloc_core.labelspace_files import shipped_labelspaces
+from semloc_core.short_repr import short_repr
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,6 +38,7 @@ NAMED = 12
 """Labels named at most in a line."""
 
 
+@short_repr
 @dataclass(frozen=True)
 class Reading:
     """What is said of labels, but for what the file itself says.

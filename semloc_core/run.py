@@ -119,6 +119,7 @@ def write_run(path: str | Path, steps: Iterable[RecordedStep], *, compression: C
     return count
 
 
+@short_repr
 class RunMessage(NamedTuple):
     """A message of a run: an update, or a true pose.
 

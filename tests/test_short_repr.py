@@ -137,8 +137,10 @@ def test_arrays_are_shown_by_type_and_shape() -> None:
 
 
 def test_counters_histories_and_encoders() -> None:
-    counter = NameCounter({f"class {i}": i for i in range(1000)})
+    counter = NameCounter()
+    for i in range(1000):
+        counter.see(f"class {i}", "thing")
     assert repr(counter) == "NameCounter of 1000"
     history = msgspec.convert({"objects": {str(i): {} for i in range(1000)}}, History)
-    assert repr(history) == "History(traversals=(), objects=dict of 1000, classes={})"
+    assert repr(history) == "History(traversals=(), objects=dict of 1000, classes={}, before=None)"
     assert repr(build_encoder("paper", None, 5)) == "PaperEncoder(5 classes, 32 numbers a place)"

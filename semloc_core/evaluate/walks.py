@@ -53,6 +53,7 @@ class WalkConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     ] = 0.0
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Written:
     """When what the online graph has was written last, at each of T steps of a walk, and where the frame was then.

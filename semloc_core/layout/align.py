@@ -94,6 +94,7 @@ def align(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats)
     )
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Pairs:
     """Pairs of a seen and a mapped object of one class that a pose near its beginning could bring together.

@@ -19,6 +19,7 @@ EXPLAINED = float(np.log(2.0))
 """Nats from which on an object is likelier a mapped one than invented."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Missed:
     """A mapped object that should have been seen, and was not.

@@ -15,6 +15,7 @@ from semloc_core.layout.fragment import Fragment
 from semloc_core.layout.mapped import MappedLayout
 from semloc_core.layout.refine import refine
 from semloc_core.layout.verifier import Verified
+from semloc_core.short_repr import short_repr
 
 SAME_M, SAME_RAD = 0.75, math.radians(20.0)
 """Aligned poses so near to one another are refined as one."""
@@ -26,6 +27,7 @@ NO_YAW = math.pi**2 / 3
 """Variance of a heading of which nothing is known, rad²."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Placed:
     """The robot's frame in a building's.

@@ -23,6 +23,7 @@ from semloc_core.layout.align import Pairs, fit, pairs_at
 from semloc_core.layout.fragment import Fragment
 from semloc_core.layout.mapped import MappedLayout
 from semloc_core.layout.there import Complex, around_rows
+from semloc_core.short_repr import short_repr
 
 REACH_M = 1.5
 """Pairs that are further apart at the pose to begin with are none."""
@@ -52,6 +53,7 @@ FLOOR = np.array([0.004, 0.004, 0.004, np.radians(0.06)]) ** 2
 """Variances that nothing is known better than."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Refined:
     """T poses of a fragment's place in the map.

@@ -42,6 +42,7 @@ class Tried:
     walls: Floats
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Verified:
     """Places of the map that were put to the test, best first, each once.
