@@ -136,9 +136,9 @@ class Reranker:
         rest = np.array([row for row in raw.tolist() if row not in known], dtype=np.int64)
         # What was not tested is as likely as what was tested near it says, and is listed where that puts it.
         rows = np.concatenate([tested, rest])
-        chances = np.concatenate([sure.probability[order], sure.answers.probability(verifier.mapped, rest)])
+        chances = sure.answers.probability(verifier.mapped, rows)
+        probability = dict(zip(rows.tolist(), chances.tolist(), strict=True))
         rows = rows[np.argsort(-chances, kind="stable")]
-        probability = dict(zip(np.concatenate([tested, rest]).tolist(), chances.tolist(), strict=True))
         shown, separate = rows[:top_n], np.array(modes(tested, self._within), dtype=np.int64)
         return Reranked(Ranking(shown, separate, probability, sure.in_map), found, fragment)
 
