@@ -107,6 +107,11 @@ class Localiser:
     def keep_up(self) -> None:
         """Do what is to be done while nobody asks, too; nothing for a map in memory."""
 
+    @property
+    def odometry(self) -> Odometry | None:
+        """Of the latest update."""
+        return self._odometry
+
     def server(self) -> ServerState | None:
         """How the map's server does; None for a map in memory. Any thread may ask."""
         return None

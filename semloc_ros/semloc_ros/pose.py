@@ -16,51 +16,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from semloc_core.wire import PlaceMatches, Position
-
-PLACE_STD_M = 0.5
-"""A place stands for the free space around it: no match says more than this, per axis."""
-YAW_VARIANCE = math.pi**2 / 3
-"""Of a heading that can't be observed: uniform over a full turn, rad²."""
-TILT_VARIANCE = 1e-4
-"""Roll and pitch of a robot on a level floor, rad²; not zero, so that the matrix can be inverted."""
-
-
-@dataclass(frozen=True, eq=False)
-class Pose:
-    """Where the robot is.
-
-    Args:
-        position: metres, in the matched building's frame.
-        covariance: (6, 6) float64 over x, y, z (m²), roll, pitch, yaw (rad²).
-
-    """
-
-    position: Position
-    covariance: NDArray[np.float64]
-
-
-def pose_of(answer: PlaceMatches) -> Pose | None:
-    """The pose that an answer gives; None unless its status is ``match``.
-
-    The position is the best match's. Its covariance is the second moment, about this position, of the matches in
-    the same building, each weighted by its probability, plus what a place itself leaves open.
-    """
-    if answer.status != "match" or not answer.matches:
-        return None
-    best = answer.matches[0]
-    near = [match for match in answer.matches if match.map == best.map]
-    weights = np.array([match.probability for match in near])
-    offsets = np.array([match.position for match in near]) - np.array(best.position)
-    covariance = np.diag([PLACE_STD_M**2] * 3 + [TILT_VARIANCE, TILT_VARIANCE, YAW_VARIANCE])
-    if weights.sum() > 0:
-        covariance[:3, :3] += np.einsum("n,ni,nj->ij", weights / weights.sum(), offsets, offsets)
-    return Pose(best.position, covariance)
+from semloc_core.wire import PlaceMatches
 
 
 class Consistency:

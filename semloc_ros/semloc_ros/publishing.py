@@ -27,6 +27,7 @@ from semloc_core import wire
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
 from semloc_core.localiser import Located
 from semloc_core.map_database import LoadedMap
+from semloc_core.poses import matched_pose
 from semloc_core.scene_graph import SceneGraph
 from semloc_ros import conversions, qos
 from semloc_ros.markers import (
@@ -38,7 +39,7 @@ from semloc_ros.markers import (
     match_markers,
     query_markers,
 )
-from semloc_ros.pose import Consistency, pose_of
+from semloc_ros.pose import Consistency
 from semloc_ros.worker import Answer
 
 
@@ -55,6 +56,7 @@ class Publishing:
         make = node.create_lifecycle_publisher
         self._matches = make(String, "~/matches", qos.ANSWERS)
         self._attributions = make(String, "~/attributions", qos.ANSWERS)
+        self._evidence = make(String, "~/evidence", qos.ANSWERS)
         self._explanations = make(String, "~/explanations", qos.ANSWERS)
         self._pose = make(PoseWithCovarianceStamped, "~/pose", qos.ANSWERS)
         self._initialpose = make(PoseWithCovarianceStamped, "initialpose", qos.LATEST)
@@ -70,6 +72,7 @@ class Publishing:
         for publisher in (
             self._matches,
             self._attributions,
+            self._evidence,
             self._explanations,
             self._pose,
             self._initialpose,
@@ -88,11 +91,11 @@ class Publishing:
         matches = answer.located.matches
         latency_ms = (time.monotonic_ns() - answer.received_ns) / 1e6
         self._matches.publish(conversions.matches_string(matches, latency_ms))
-        pose = pose_of(matches)
+        pose = matched_pose(matches)
         agreeing = self._consistency.add(matches)
         self._seeded &= agreeing > 1
         if pose is not None:
-            message = conversions.pose_msg(pose, matches.stamp_ns, matches.frame_id)
+            message = conversions.pose_msg(pose, answer.update.odometry, matches.stamp_ns, matches.frame_id)
             self._pose.publish(message)
             if initialpose_after and not self._seeded and agreeing >= initialpose_after:
                 self._initialpose.publish(message)
@@ -125,6 +128,10 @@ class Publishing:
         if around is not None:
             scores = {item.id: item.score for item in message.objects}
             self._markers.publish(attribution_markers(scores, around, self._ids, message.stamp_ns))
+
+    def evidence(self, message: wire.ClassAttributions) -> None:
+        """Publish what a decision rests on."""
+        self._evidence.publish(conversions.string(message))
 
     def explanation(self, text: str) -> None:
         """Publish the answer to a request."""

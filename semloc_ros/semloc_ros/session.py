@@ -142,6 +142,9 @@ class Session:
         localiser, located = self.worker.localiser, answer.located
         latency_ms = self._publishing.answer(answer, localiser.config, self.config.initialpose_after)
         self._diagnostics.answered(answer, latency_ms)
+        evidence = localiser.evidence(located)
+        if evidence is not None:
+            self._publishing.evidence(evidence)
         self._publishing.query(answer, localiser.stream.graph)
         if answer.explain:
             self.explaining.explain(located, localiser.config)

@@ -13,6 +13,7 @@
 # limitations under the License.
 """What needs no node: conversions, poses, markers, the worker's queue, diagnostics' words, Hydra's binary form."""
 
+import math
 import threading
 import time
 from collections import Counter
@@ -25,7 +26,7 @@ from conftest import wait_for
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from semloc_ros.diagnostics import Diagnostics
 from semloc_ros.explaining import ExplainCounts
-from semloc_ros.pose import PLACE_STD_M, Consistency, pose_of
+from semloc_ros.pose import Consistency
 from semloc_ros.worker import Worker
 from visualization_msgs.msg import Marker
 
@@ -71,38 +72,39 @@ def test_only_the_latency_differs_from_the_cores_bytes():
     assert wire.PlaceMatches(**fields | {"latency_ms": None}) == plain
 
 
+def pose(position=(1.0, 2.0, 3.0), yaw=0.5):
+    return wire.Pose(position, yaw, [float(x) for x in range(16)])
+
+
+def turned(orientation, vector):
+    """A vector (3) turned by a quaternion message."""
+    axis, w = np.array([orientation.x, orientation.y, orientation.z]), orientation.w
+    return np.array(vector) + 2 * np.cross(axis, np.cross(axis, vector) + w * np.array(vector))
+
+
 def test_a_pose_message_has_all_of_the_pose():
-    pose = pose_of(answer(match(1, (1.0, 2.0, 3.0), 1.0)))
-    message = conversions.pose_msg(pose, 1_500_000_000, "home")
+    message = conversions.pose_msg(pose(), None, 1_500_000_000, "home")
     assert isinstance(message, PoseWithCovarianceStamped)
     assert (message.header.frame_id, message.header.stamp.sec) == ("home", 1)
-    assert np.array_equal(np.reshape(message.pose.covariance, (6, 6)), pose.covariance)
+    assert (message.pose.pose.position.x, message.pose.pose.position.z) == (1.0, 3.0)
+    assert turned(message.pose.pose.orientation, [1.0, 0.0, 0.0]) == pytest.approx([math.cos(0.5), math.sin(0.5), 0.0])
+    covariance = np.reshape(message.pose.covariance, (6, 6))
+    rows = [0, 1, 2, 5]
+    assert np.array_equal(covariance[np.ix_(rows, rows)].ravel(), np.arange(16.0))
+    assert not covariance[3:5].any()
 
 
-# -- poses ----------------------------------------------------------------------------------------------------------
+def test_a_robot_that_leans_leans_in_its_pose_too():
+    half = math.pi / 8  # nose 45 degrees down, in its own frame looking along x
+    odometry = wire.Odometry((0.0, 0.0, 0.0), (0.0, math.sin(half), 0.0, math.cos(half)), "odom")
+    message = conversions.pose_msg(pose(yaw=math.pi / 2), odometry, 0, "home")
+    assert turned(message.pose.pose.orientation, [1.0, 0.0, 0.0]) == pytest.approx([0.0, 0.5**0.5, -(0.5**0.5)])
 
 
-def test_one_sure_match_leaves_what_a_place_leaves_open():
-    pose = pose_of(answer(match(1, (1.0, 2.0, 0.0), 1.0)))
-    assert pose.position == (1.0, 2.0, 0.0)
-    assert np.allclose(np.diag(pose.covariance)[:3], PLACE_STD_M**2)
-
-
-def test_covariance_is_the_weighted_second_moment_about_the_best():
-    pose = pose_of(answer(match(1, (0.0, 0.0, 0.0), 0.75), match(2, (4.0, 2.0, 0.0), 0.25)))
-    assert pose.covariance[0, 0] == pytest.approx(PLACE_STD_M**2 + 0.25 * 16)
-    assert pose.covariance[0, 1] == pytest.approx(0.25 * 8)
-    assert (np.linalg.eigvalsh(pose.covariance) > 0).all()
-
-
-def test_matches_of_another_building_have_no_part_in_the_pose():
-    pose = pose_of(answer(match(1, (0.0, 0.0, 0.0), 0.6), match(2, (90.0, 0.0, 0.0), 0.6, "other")))
-    assert pose.covariance[0, 0] == pytest.approx(PLACE_STD_M**2)
-
-
-@pytest.mark.parametrize("status", ["ambiguous", "unknown", "no_graph"])
-def test_no_pose_unless_it_is_a_match(status):
-    assert pose_of(answer(match(1, (0.0, 0.0, 0.0), 0.4), status=status)) is None
+def test_an_unknown_heading_is_no_turn_whatever_odometry_says():
+    odometry = wire.Odometry((0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), "elsewhere")
+    turn = conversions.pose_msg(pose(yaw=None), odometry, 0, "home").pose.pose.orientation
+    assert (turn.x, turn.y, turn.z, turn.w) == (0.0, 0.0, 0.0, 1.0)
 
 
 def test_consistency_counts_matches_that_agree():
