@@ -20,6 +20,7 @@ from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
 from semloc_core.explain.answered import EXPLAINER_SEED, answer_evidence, explain_answer
 from semloc_core.explain.layout_scores import LAYOUT
 from semloc_core.filter_model import MapModel
+from semloc_core.frames import frame_of
 from semloc_core.labelspace import lacks
 from semloc_core.layout.placed import Placed
 from semloc_core.map_database import LoadedMap
@@ -106,6 +107,10 @@ class Localiser:
 
     def keep_up(self) -> None:
         """Do what is to be done while nobody asks, too; nothing for a map in memory."""
+
+    def frame_of(self, building: str | None) -> str:
+        """Name of a building's frame; None: of an answer that is in none."""
+        return frame_of(self.config.frame_id, self.map.all_buildings, building)
 
     @property
     def odometry(self) -> Odometry | None:
@@ -360,7 +365,7 @@ class Localiser:
 
     def evidence(self, located: Located) -> ClassAttributions | None:
         """Say what the decision rests on, exactly; None where nothing was put to the test."""
-        return answer_evidence(located, self.config)
+        return answer_evidence(located)
 
     def explain(self, located: Located) -> ClassAttributions:
         """Say which classes and objects carried an answer, and how well that holds when put to the test.
@@ -388,7 +393,7 @@ class Localiser:
         return PlaceMatches(
             schema="semloc/place_matches/1",
             stamp_ns=query.stamp_ns,
-            frame_id=self.config.frame_id,
+            frame_id=self.frame_of(matches[0].map if matches else None),
             seq=query.seq,
             query_place=query.place,
             status=status,
