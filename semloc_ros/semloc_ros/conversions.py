@@ -20,13 +20,15 @@ from collections.abc import Sequence
 import msgspec
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped, Quaternion
+from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped, Quaternion, TransformStamped, Vector3
 from std_msgs.msg import Header, String
+from tf2_msgs.msg import TFMessage
 
 from semloc_core import wire
-from semloc_core.poses import orientation_of, ros_covariance
+from semloc_core.poses import orientation_of, quaternion_of, ros_covariance
 from semloc_core.wire import Position
 from semloc_ros.diagnostics import Line
+from semloc_ros.tf import Stamped
 
 NS_PER_S = 1_000_000_000
 
@@ -73,6 +75,15 @@ def pose_msg(
     message.pose.pose.orientation = quaternion(orientation_of(pose, odometry))
     message.pose.covariance = ros_covariance(pose)
     return message
+
+
+def tf_msg(stamped: Stamped) -> TFMessage:
+    """A transform as tf2 takes it."""
+    message = TransformStamped(header=header(stamped.stamp_ns, stamped.parent), child_frame_id=stamped.child)
+    x, y, z = stamped.transform.translation
+    message.transform.translation = Vector3(x=float(x), y=float(y), z=float(z))
+    message.transform.rotation = quaternion(quaternion_of(stamped.transform.yaw))
+    return TFMessage(transforms=[message])
 
 
 def point_stamped(position: Position, stamp_ns: int, frame_id: str) -> PointStamped:

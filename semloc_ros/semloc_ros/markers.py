@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import colorsys
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from builtin_interfaces.msg import Time
@@ -83,11 +83,19 @@ def delete_all() -> MarkerArray:
     return MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
 
 
-def match_markers(answer: PlaceMatches, top_n: int) -> MarkerArray:
-    """The top matches with their probability, the sure ones green, the unsure ones red; numbered by rank."""
+def match_markers(answer: PlaceMatches, top_n: int, frame_of: Callable[[str], str]) -> MarkerArray:
+    """The top matches with their probability, the sure ones green, the unsure ones red; numbered by rank.
+
+    Args:
+        answer: the answer.
+        top_n: matches that an answer may list.
+        frame_of: gives a building's frame.
+
+    """
     head = header(answer.stamp_ns, answer.frame_id)
     shown = MarkerArray()
     for match in answer.matches:
+        head = header(answer.stamp_ns, frame_of(match.map))
         ball = _marker(head, "matches", match.rank, Marker.SPHERE, match.position, MATCH_M)
         ball.color = _between_red_and_green(match.probability, 0.95 if match.rank == 1 else 0.6)
         text = _marker(head, "probabilities", match.rank, Marker.TEXT_VIEW_FACING, _above(match.position), TEXT_M)
@@ -133,11 +141,11 @@ def attribution_markers(
     return shown
 
 
-def map_markers(loaded: LoadedMap, frame_id: str, stamp: Time) -> MarkerArray:
-    """The map: all places, objects by class, names of buildings; what was drawn before is cleared."""
-    head = Header(stamp=stamp, frame_id=frame_id)
+def map_markers(loaded: LoadedMap, frame_of: Callable[[str], str], stamp: Time) -> MarkerArray:
+    """The map: all places, objects by class, names of buildings, each in its own frame; what was drawn is cleared."""
     shown = delete_all()
     for building in loaded.buildings:
+        head = Header(stamp=stamp, frame_id=frame_of(building))
         rows = loaded.rows_of(building)
         places = _marker(head, f"places of {building}", 0, Marker.SPHERE_LIST, (0.0, 0.0, 0.0), PLACE_M)
         places.points = [point(tuple(p)) for p in loaded.positions[rows].tolist()]

@@ -42,6 +42,7 @@ from semloc_ros.parameters import READ_ONLY, NodeConfig, declare, read
 from semloc_ros.publishing import Publishing
 from semloc_ros.running import run
 from semloc_ros.session import Session
+from semloc_ros.tf import PERIOD_S
 
 DIAGNOSTICS_PERIOD_S = 1.0
 EXPLAIN_TIMEOUT_S = 120.0
@@ -85,8 +86,8 @@ class LocaliserNode(LifecycleNode):
         self._map_lock = threading.Lock()
         self._prepared: Localiser | None = None
         # Parameters and transitions use the default group, so that loading a map there holds up nothing else.
-        self._update_group, self._question_group, self._timer_group = (
-            MutuallyExclusiveCallbackGroup() for _ in range(3)
+        self._update_group, self._question_group, self._timer_group, self._tf_group = (
+            MutuallyExclusiveCallbackGroup() for _ in range(4)
         )
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)  # a simulated clock may stand still
         self.add_on_set_parameters_callback(self._check_parameters)
@@ -184,6 +185,7 @@ class LocaliserNode(LifecycleNode):
             callback_group=self._timer_group,
             clock=self._steady,
         )
+        keep(self.create_timer, self.destroy_timer, PERIOD_S, self._on_tf_timer, callback_group=self._tf_group)
 
     # -- topics ------------------------------------------------------------------------------------------------
 
@@ -226,6 +228,11 @@ class LocaliserNode(LifecycleNode):
             self.get_logger().error(f"diagnostics failed: {type(error).__name__}: {error}", throttle_duration_sec=60.0)
             return
         self._diagnostics.publish(conversions.diagnostics_msg(lines, self.get_fully_qualified_name(), stamp))
+
+    def _on_tf_timer(self) -> None:
+        session = self._session
+        if session is not None:
+            session.send_again()
 
     # -- services ----------------------------------------------------------------------------------------------
 

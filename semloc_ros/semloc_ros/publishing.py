@@ -21,12 +21,12 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.lifecycle import LifecycleNode
 from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from semloc_core import wire
-from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
-from semloc_core.localiser import Located
-from semloc_core.map_database import LoadedMap
+from semloc_core.config import MATCH_RADIUS_M
+from semloc_core.localiser import Localiser, Located
 from semloc_core.poses import matched_pose
 from semloc_core.scene_graph import SceneGraph
 from semloc_ros import conversions, qos
@@ -39,7 +39,9 @@ from semloc_ros.markers import (
     match_markers,
     query_markers,
 )
+from semloc_ros.parameters import NodeConfig
 from semloc_ros.pose import Consistency
+from semloc_ros.tf import Stamped, Steady
 from semloc_ros.worker import Answer
 
 
@@ -59,9 +61,11 @@ class Publishing:
         self._evidence = make(String, "~/evidence", qos.ANSWERS)
         self._explanations = make(String, "~/explanations", qos.ANSWERS)
         self._pose = make(PoseWithCovarianceStamped, "~/pose", qos.ANSWERS)
+        self._tf = make(TFMessage, "/tf", qos.TRANSFORMS)
         self._initialpose = make(PoseWithCovarianceStamped, "initialpose", qos.LATEST)
         self._markers = make(MarkerArray, "~/markers", qos.LATEST)
         self._map_markers = make(MarkerArray, "~/map_markers", qos.LATCHED)
+        self._transform = Steady(lambda line: node.get_logger().error(line))
         self._consistency = Consistency(MATCH_RADIUS_M)
         self._seeded = False
         self._ids = MarkerIds()
@@ -75,13 +79,14 @@ class Publishing:
             self._evidence,
             self._explanations,
             self._pose,
+            self._tf,
             self._initialpose,
             self._markers,
             self._map_markers,
         ):
             self._node.destroy_lifecycle_publisher(publisher)
 
-    def answer(self, answer: Answer, config: LocaliserConfig, initialpose_after: int) -> float:
+    def answer(self, answer: Answer, localiser: Localiser, config: NodeConfig) -> float:
         """Publish an answer.
 
         Returns:
@@ -91,18 +96,37 @@ class Publishing:
         matches = answer.located.matches
         latency_ms = (time.monotonic_ns() - answer.received_ns) / 1e6
         self._matches.publish(conversions.matches_string(matches, latency_ms))
+        if config.publish_tf:
+            child, tolerance_s = answer.update.frame_id, config.transform_tolerance
+            self._send(self._transform.answer(matches, child, *self._clocks(), tolerance_s))
         pose = matched_pose(matches)
         agreeing = self._consistency.add(matches)
         self._seeded &= agreeing > 1
         if pose is not None:
             message = conversions.pose_msg(pose, answer.update.odometry, matches.stamp_ns, matches.frame_id)
             self._pose.publish(message)
-            if initialpose_after and not self._seeded and agreeing >= initialpose_after:
+            if config.initialpose_after and not self._seeded and agreeing >= config.initialpose_after:
                 self._initialpose.publish(message)
                 self._seeded = True
         if self._markers.get_subscription_count():
-            self._markers.publish(match_markers(matches, config.top_n))
+            self._markers.publish(match_markers(matches, localiser.config.top_n, localiser.frame_of))
         return latency_ms
+
+    def again(self, config: NodeConfig) -> None:
+        """Send the latest transform again; to be called each `semloc_ros.tf.PERIOD_S` of the node's clock."""
+        if config.publish_tf:
+            self._send(self._transform.tick(*self._clocks(), config.transform_tolerance))
+
+    def forget(self) -> None:
+        """Send no transform until the next match."""
+        self._transform.forget()
+
+    def _clocks(self) -> tuple[int, int]:
+        return self._node.get_clock().now().nanoseconds, time.monotonic_ns()
+
+    def _send(self, stamped: Stamped | None) -> None:
+        if stamped is not None:
+            self._tf.publish(conversions.tf_msg(stamped))
 
     def query(self, answer: Answer, graph: SceneGraph | None) -> None:
         """Draw the query, and keep what is around it for the explanation of this answer.
@@ -141,9 +165,9 @@ class Publishing:
         """Whether anybody has subscribed to what is drawn of the map."""
         return bool(self._map_markers.get_subscription_count())
 
-    def map(self, loaded: LoadedMap, frame_id: str, stamp: Time, clear: bool = True) -> None:
+    def map(self, localiser: Localiser, stamp: Time, clear: bool = True) -> None:
         """Draw the map, and clear what was drawn of another one."""
-        self._map_markers.publish(map_markers(loaded, frame_id, stamp))
+        self._map_markers.publish(map_markers(localiser.map, localiser.frame_of, stamp))
         if clear:
             self._markers.publish(delete_all())
 

@@ -75,6 +75,8 @@ class Session:
 
     def configure(self, config: NodeConfig) -> None:
         """Take other options of the node."""
+        if not config.publish_tf:
+            self._publishing.forget()
         self.config, self.explaining.deadline_s = config, config.explain_deadline_s
 
     def replace(self, localiser: Localiser, stamp: Time) -> None:
@@ -84,12 +86,15 @@ class Session:
             SemlocError: this one has been stopped; the other one is closed.
 
         """
-        other_map = localiser.map is not self.worker.localiser.map
+        before = self.worker.localiser
+        other_map = localiser.map is not before.map
         try:
             self.worker.replace(localiser)
         except SemlocError:
             localiser.close()
             raise
+        if other_map or localiser.config.frame_id != before.config.frame_id:
+            self._publishing.forget()
         if other_map:
             with self._shift_lock:
                 self._shift = ClassShift(localiser.map)
@@ -98,12 +103,20 @@ class Session:
     def reset(self) -> None:
         """Forget the graph."""
         self.worker.reset()
+        self._publishing.forget()
+
+    def send_again(self) -> None:
+        """Send again what has to be said again and again: the transform."""
+        if self.worker.answering:
+            self._publishing.again(self.config)
+        else:  # what comes meanwhile is not answered, and may change all
+            self._publishing.forget()
 
     def draw_map(self, stamp: Time, clear: bool = True) -> None:
         """Publish the map's markers."""
         localiser = self.worker.localiser
         self._drawn = localiser.map
-        self._publishing.map(self._drawn, localiser.config.frame_id, stamp, clear)
+        self._publishing.map(localiser, stamp, clear)
 
     def draw_changes(self, stamp: Time) -> None:
         """Publish the map's markers anew, if somebody looks and these are other buildings of a server's map by now."""
@@ -140,7 +153,7 @@ class Session:
 
     def _on_answer(self, answer: Answer) -> None:
         localiser, located = self.worker.localiser, answer.located
-        latency_ms = self._publishing.answer(answer, localiser.config, self.config.initialpose_after)
+        latency_ms = self._publishing.answer(answer, localiser, self.config)
         self._diagnostics.answered(answer, latency_ms)
         evidence = localiser.evidence(located)
         if evidence is not None:

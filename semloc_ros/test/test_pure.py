@@ -135,7 +135,7 @@ def test_ids_stay_with_their_objects_and_are_not_given_twice():
 
 
 def test_ranks_that_are_no_longer_there_are_deleted():
-    drawn = markers.match_markers(answer(match(1, (0.0, 0.0, 0.0), 0.9)), 3).markers
+    drawn = markers.match_markers(answer(match(1, (0.0, 0.0, 0.0), 0.9)), 3, lambda building: "map").markers
     actions = {(m.ns, m.id): m.action for m in drawn}
     assert actions[("matches", 1)] == Marker.ADD
     assert actions[("matches", 2)] == actions[("probabilities", 3)] == Marker.DELETE
@@ -153,7 +153,7 @@ def test_what_speaks_for_a_match_and_against_it_differ_in_colour():
 
 def test_the_map_is_drawn_whole_with_buildings_apart(assets):
     loaded = load(assets / "both.map")
-    drawn = markers.map_markers(loaded, "map", conversions.time_msg(0)).markers
+    drawn = markers.map_markers(loaded, str.upper, conversions.time_msg(0)).markers
     assert drawn[0].action == Marker.DELETEALL
     assert {m.ns for m in drawn[1:]} >= {"places of home", "places of other", "objects of home", "buildings"}
     assert sum(len(m.points) for m in drawn if m.ns.startswith("objects of")) == 120
@@ -341,7 +341,7 @@ def test_a_part_of_hydras_graph_leaves_the_rest_as_it_is(assets):
 
 def test_the_query_place_is_that_of_the_latest_pose():
     from semloc_core.hydra import AgentPose
-    from semloc_core.hydra.stream import query_place
+    from semloc_core.hydra.stream import odometry, query_place
 
     graph, upright = building.corridor(), (0.0, 0.0, 0.0, 1.0)
     names = sorted(graph.places, key=lambda name: graph.places[name][0])
@@ -353,6 +353,10 @@ def test_the_query_place_is_that_of_the_latest_pose():
     near = AgentPose(5, (7.2, 0.3, 0.0), upright, "2")
     assert asked(near, AgentPose(1, (0.0, 0.0, 0.0), upright, "10")) == names[7]
     assert asked(near, AgentPose(9, (7.2, 0.3, 0.0), upright, "3", place=names[2])) == names[2]
+    poses = {"2": near, "10": AgentPose(1, (0.0, 0.0, 0.0), upright, "10")}
+    assert odometry(poses, "hydra_map") == wire.Odometry((7.2, 0.3, 0.0), upright, "hydra_map")
+    assert odometry(poses | {"3": AgentPose(9, (1.0, 0.0, 0.0), None, "3")}, "hydra_map") is None
+    assert odometry({}, "hydra_map") is None
 
 
 def test_the_bridge_says_in_one_line_what_is_missing(capsys):
