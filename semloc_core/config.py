@@ -41,7 +41,7 @@ class LocaliserConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         str,
         Meta(
             min_length=1,
-            description="frame of the matched building, and so of what is published: a name, in which {building} stands "
+            description="frame of the matched building, and of what is published: a name, in which {building} stands "
             "for the building's; map: the building's name where the map holds several",
         ),
     ] = "map"

@@ -14,8 +14,8 @@ def frame_of(pattern: str, buildings: Sequence[str], building: str | None) -> st
     """The frame of a building.
 
     Args:
-        pattern: the option ``frame_id``: a name, in which ``{building}`` stands for the building's; or ``map``, which is
-            a building's own name where the map holds several.
+        pattern: the option ``frame_id``: a name, in which ``{building}`` stands for the building's; or ``map``, which
+            is a building's own name where the map holds several.
         buildings: of the whole map.
         building: which; None: of an answer that is in none.
 

@@ -21,6 +21,7 @@ from semloc_core.explain.answered import EXPLAINER_SEED, answer_evidence, explai
 from semloc_core.explain.layout_scores import LAYOUT
 from semloc_core.filter_model import MapModel
 from semloc_core.frames import frame_of
+from semloc_core.hint import LASTS_M, Hint
 from semloc_core.labelspace import lacks
 from semloc_core.layout.placed import Placed
 from semloc_core.map_database import LoadedMap
@@ -79,6 +80,7 @@ class Localiser:
         self._odometry: Odometry | None = None
         self._frame_id = ""
         self._ages = Ages()
+        self._hint: tuple[Hint, float] | None = None
         self._serve(self.map)
 
     def _serve(self, loaded: LoadedMap, filter_model: MapModel | None = None) -> None:
@@ -111,6 +113,13 @@ class Localiser:
     def frame_of(self, building: str | None) -> str:
         """Name of a building's frame; None: of an answer that is in none."""
         return frame_of(self.config.frame_id, self.map.all_buildings, building)
+
+    def hint(self, hint: Hint | None) -> None:
+        """Put only places near a hint to the test by layout, until the robot has walked on; None: all again.
+
+        What the search by similarity proposes besides, and a filter's belief, stay as they are.
+        """
+        self._hint = None if hint is None else (hint, self._ages.walked)
 
     @property
     def odometry(self) -> Odometry | None:
@@ -153,6 +162,8 @@ class Localiser:
         self.stream, self._seq, self._stamp_ns = other.stream, other._seq, other._stamp_ns
         self._explained_ns, self._odometry, self.labels = other._explained_ns, other._odometry, other.labels
         self._frame_id, self._ages = other._frame_id, other._ages
+        if other.map.hash == self.map.hash:
+            self._hint = other._hint
         if self._tracker is not None and other._tracker is not None and other.map.hash == self.map.hash:
             self._tracker = other._tracker
         self._look_again(other._visibility)
@@ -288,7 +299,20 @@ class Localiser:
         graph = self.stream.graph
         if self._reranker is None or graph is None or query.place is None:
             return None
-        return self._reranker.rank(graph, query.place, everywhere, raw.rows, self.config.top_n, self._ages)
+        only = self._hinted()
+        return self._reranker.rank(graph, query.place, everywhere, raw.rows, self.config.top_n, self._ages, only)
+
+    def _hinted(self) -> NDArray[np.bool_] | None:
+        """(M,) bool, where the robot can be by what somebody said; None: anywhere."""
+        if self._hint is None:
+            return None
+        hint, walked = self._hint
+        since = self._ages.walked - walked
+        if since > LASTS_M:
+            self._hint = None
+            return None
+        allowed = hint.allows(self.map, since)
+        return allowed if allowed.any() else None
 
     def _placed(self, tested: Reranked | None, rows: NDArray[np.int64], filtered: bool) -> Mapping[int, Placed]:
         """Where the frame of the updates lies in the buildings of rows of the map, as far as these were tested."""

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import IO
 
 from semloc_core.errors import FileFormatError
-from semloc_core.messages import Odometry, PlaceMatches, Pose, Position
+from semloc_core.messages import Odometry, PlaceMatches, Pose, Position, Transform
 
 Quaternion = tuple[float, float, float, float]
 _OF_ROS = (0, 1, 2, 5)
@@ -36,6 +36,13 @@ def orientation_of(pose: Pose, odometry: Odometry | None) -> Quaternion:
     x, y, z, w = odometry.orientation_xyzw
     _, _, sine, cosine = quaternion_of(pose.yaw - yaw_of(odometry.orientation_xyzw))
     return cosine * x - sine * y, cosine * y + sine * x, cosine * z + sine * w, cosine * w - sine * z
+
+
+def moved(transform: Transform, position: Position) -> Position:
+    """A position in the frame of the updates, in the building's (m)."""
+    sine, cosine = math.sin(transform.yaw), math.cos(transform.yaw)
+    (x, y, z), (along, across, up) = position, transform.translation
+    return cosine * x - sine * y + along, sine * x + cosine * y + across, z + up
 
 
 def ros_covariance(pose: Pose) -> list[float]:

@@ -24,6 +24,7 @@ from typing import Any
 
 import torch
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
@@ -170,6 +171,15 @@ class LocaliserNode(LifecycleNode):
         serve = functools.partial(keep, self.create_service, self.destroy_service, Trigger)
         subscribe("scene_graph", self._on_update, qos.UPDATES, callback_group=self._update_group)
         subscribe("~/explain_request", self._on_request, qos.ANSWERS, callback_group=self._question_group)
+        keep(
+            self.create_subscription,
+            self.destroy_subscription,
+            PoseWithCovarianceStamped,
+            "initialpose",
+            self._on_hint,
+            qos.LATEST,
+            callback_group=self._question_group,
+        )
         serve("~/explain", self._on_explain, callback_group=self._question_group)
         serve("~/reset", self._on_reset, callback_group=self._question_group)
         serve("~/reload_map", self._on_reload, callback_group=self._question_group)
@@ -212,6 +222,17 @@ class LocaliserNode(LifecycleNode):
             self.get_logger().warning(f"explain request not answered: {error}", throttle_duration_sec=1.0)
         else:
             session.publish_explanation(future.result())
+
+    def _on_hint(self, message: PoseWithCovarianceStamped) -> None:
+        session = self._session
+        if session is None:
+            return
+        try:
+            refused = session.hint(message)
+        except SemlocError as error:
+            refused = str(error)
+        if refused:
+            self.get_logger().warning(f"initialpose not taken as a hint: {refused}")
 
     def _log_rejected(self, line: str) -> None:
         self.get_logger().warning(f"update rejected: {line}", throttle_duration_sec=1.0)

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 
+from semloc_core.poses import matched_pose
 from semloc_core.wire import PlaceMatches
 
 
@@ -54,3 +55,53 @@ class Consistency:
             and before.map == best.map
             and math.dist(before.position, best.position) <= self._radius_m
         )
+
+
+ANSWER_S = 2.0
+"""AMCL, where there is one, is told again after so long without an answer."""
+
+
+class Seeding:
+    """Says when AMCL is to be told where the robot is: once matches agree, and until somebody has heard it.
+
+    Args:
+        radius_m: the matching radius, metres.
+
+    """
+
+    def __init__(self, radius_m: float) -> None:
+        self._consistency = Consistency(radius_m)
+        self._agreeing = 0
+        self._told_s: float | None = None
+        self._answered = False
+        self._listeners = 0
+
+    def add(self, answer: PlaceMatches) -> bool:
+        """Take an answer in; whether its pose can be told: it is a match's, and has a heading."""
+        self._agreeing = self._consistency.add(answer)
+        if self._agreeing <= 1:  # lost meanwhile, or somewhere else
+            self._told_s, self._answered = None, False
+        pose = matched_pose(answer)
+        return pose is not None and pose.yaw is not None
+
+    def answered(self) -> None:
+        """AMCL has said where it believes the robot to be."""
+        self._answered = self._told_s is not None
+
+    def due(self, after: int, listeners: int, amcl: bool, now_s: float) -> bool:
+        """Whether it is to be told now.
+
+        Args:
+            after: so many matches have to agree; 0: never.
+            listeners: how many listen.
+            amcl: whether there is an AMCL that could answer.
+            now_s: by a clock that never jumps.
+
+        """
+        came, self._listeners = listeners > self._listeners, listeners
+        if not after or self._agreeing < after or self._answered:
+            return False
+        if self._told_s is not None and not came and not (amcl and now_s - self._told_s >= ANSWER_S):
+            return False
+        self._told_s = now_s
+        return True

@@ -16,15 +16,19 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from semloc_core import wire
 from semloc_core.class_shift import ClassShift
+from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import SemlocError
+from semloc_core.hint import Hint
 from semloc_core.localiser import Localiser, Located
 from semloc_core.map_database import LoadedMap
 from semloc_ros.diagnostics import Diagnostics, Line
@@ -105,6 +109,32 @@ class Session:
         self.worker.reset()
         self._publishing.forget()
 
+    def hint(self, message: PoseWithCovarianceStamped) -> str:
+        """Take a person's word for about where the robot is.
+
+        Returns:
+            Why it could not be taken; empty if it was.
+
+        Raises:
+            SemlocError: the session has been stopped.
+
+        """
+        if self._publishing.told(message):
+            return ""
+        frame_id, at = message.header.frame_id, message.pose.pose.position
+        variance = max(message.pose.covariance[0], message.pose.covariance[7])
+        radius_m = max(MATCH_RADIUS_M, 3.0 * math.sqrt(max(variance, 0.0)))
+
+        def narrow(localiser: Localiser) -> str:
+            frames = {name: localiser.frame_of(name) for name in localiser.buildings}
+            meant = [name for name, frame in frames.items() if frame == frame_id.strip("/")]
+            if not meant:
+                return f"expected initialpose in a building's frame (got {frame_id!r})"
+            localiser.hint(Hint(meant, (at.x, at.y), radius_m))
+            return ""
+
+        return self.worker.call(narrow)
+
     def send_again(self) -> None:
         """Send again what has to be said again and again: the transform."""
         if self.worker.answering:
@@ -157,7 +187,7 @@ class Session:
         self._diagnostics.answered(answer, latency_ms)
         evidence = localiser.evidence(located)
         if evidence is not None:
-            self._publishing.evidence(evidence)
+            self._publishing.evidence(evidence, answer, localiser.stream.graph)
         self._publishing.query(answer, localiser.stream.graph)
         if answer.explain:
             self.explaining.explain(located, localiser.config)

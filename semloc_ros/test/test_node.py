@@ -275,26 +275,67 @@ def test_a_pose_without_a_heading_says_so(localiser, client):
     assert not covariance[5, :5].any()
 
 
-def test_initialpose_is_seeded_once_after_consistent_matches_and_never_by_default(localiser, client, assets):
+def follow(side, run, before):
+    """Send updates one by one, each when the one before has been answered."""
+    for count, update in enumerate(run, before + 1):
+        side.send(update)
+        side.wait_matches(count)
+
+
+def test_initialpose_is_told_after_consistent_matches_and_never_by_default(localiser, client, assets):
     localiser(accept_probability=0.0)
     side = client().connect()
-    run = updates(speed_mps=0.1)
-    for count, update in enumerate(run[:4], 1):
-        side.send(update)
-        side.wait_matches(count)
+    run = updates(speed_mps=0.1, shared_frame=True, frame_id="odom")
+    follow(side, run[:4], 0)
     assert side.seen["initialpose"] == []
     assert side.set(initialpose_after=3)[0].successful
-    for count, update in enumerate(run[4:12], 5):
-        side.send(update)
-        side.wait_matches(count)
+    follow(side, run[4:12], 4)
     wait_for(lambda: side.seen["initialpose"])
     time.sleep(0.3)
-    assert len(side.seen["initialpose"]) == 1
-    assert side.set(map=str(assets / "both.map"))[0].successful  # which has a frame of its own
-    for count, update in enumerate(run[12:16], 13):
-        side.send(update)
-        side.wait_matches(count)
+    (told,) = side.seen["initialpose"]
+    assert told in side.seen["/localiser/pose"]
+    assert told.pose.covariance.reshape(6, 6)[5, 5] < 1.0
+    assert side.set(map=str(assets / "both.map"))[0].successful  # which has frames of its own
+    follow(side, run[12:16], 12)
     wait_for(lambda: len(side.seen["initialpose"]) == 2)
+    assert side.seen["initialpose"][-1].header.frame_id == "home"
+
+
+def test_initialpose_is_never_told_without_a_heading(localiser, client):
+    localiser(accept_probability=0.0, initialpose_after=1)
+    side = client().connect()
+    follow(side, updates()[:4], 0)
+    time.sleep(0.3)
+    assert len(side.seen["/localiser/pose"]) == 4
+    assert side.seen["initialpose"] == []
+
+
+def test_initialpose_is_told_again_to_who_comes_late_until_amcl_answers(localiser, client, spin):
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+
+    from semloc_ros import qos
+
+    localiser(accept_probability=0.0, initialpose_after=2)
+    side = client().connect()
+    follow(side, updates(speed_mps=0.1, shared_frame=True, frame_id="odom")[:3], 0)
+    wait_for(lambda: len(side.seen["initialpose"]) == 1)
+
+    def late(name):
+        seen, node = [], spin(rclpy.create_node(name))
+        node.create_subscription(PoseWithCovarianceStamped, "initialpose", seen.append, qos.LATEST)
+        return seen, node
+
+    amcl, node = late("amcl")
+    wait_for(lambda: amcl, "the pose, though no update comes any more")
+    answer = node.create_publisher(PoseWithCovarianceStamped, "amcl_pose", qos.LATCHED)
+    count = len(amcl)
+    wait_for(lambda: len(amcl) > count, "the pose again: AMCL is there and has not answered")
+    answer.publish(PoseWithCovarianceStamped())
+    time.sleep(0.5)
+    count = len(amcl)
+    other, _ = late("other")
+    time.sleep(3.0)
+    assert (len(amcl), other) == (count, [])
 
 
 def test_markers_have_stable_ids_and_are_cleared_with_the_map(localiser, client, assets):
@@ -309,7 +350,11 @@ def test_markers_have_stable_ids_and_are_cleared_with_the_map(localiser, client,
         wait_for(lambda count=count: len(side.attributions) == count, "attributions")
     wait_for(lambda: any(m.ns == "attributions" for a in side.seen["/localiser/markers"] for m in a.markers))
     drawn = [m for a in list(side.seen["/localiser/markers"]) for m in a.markers]
-    assert {"matches", "probabilities", "query", "attributions"} <= {m.ns for m in drawn}
+    assert {"matches", "probabilities", "query", "attributions", "robot", "seen"} <= {m.ns for m in drawn}
+    joined = [m for m in drawn if m.ns == "explained" and m.points][-1]
+    for here, there in zip(joined.points[::2], joined.points[1::2], strict=True):  # nothing has moved since
+        assert math.dist((here.x, here.y, here.z), (there.x, there.y, there.z)) < 0.1
+    assert {m.header.frame_id for m in drawn if m.ns in ("robot", "seen", "explained")} == {"map"}
     assert {m.id for m in drawn if m.ns == "matches"} == set(range(1, 11))
     assert {m.id for m in drawn if m.ns == "query"} == {0}
     first = wait_for(lambda: side.seen["/localiser/map_markers"])[0]

@@ -151,6 +151,35 @@ def test_what_speaks_for_a_match_and_against_it_differ_in_colour():
     assert {m.header.frame_id for m in drawn} == {"odom"}
 
 
+def test_the_robot_is_an_arrow_on_its_ellipse():
+    covariance = np.diag([0.04, 0.01, 0.5, 0.02]).ravel().tolist()
+    message = conversions.pose_msg(wire.Pose((1.0, 2.0, 0.5), 0.5, covariance), None, 0, "home")
+    arrow, ellipse = markers.robot_markers(message, yaw_known=True).markers
+    assert (arrow.type, ellipse.type) == (Marker.ARROW, Marker.CYLINDER)
+    assert turned(arrow.pose.orientation, [1.0, 0.0, 0.0]) == pytest.approx([math.cos(0.5), math.sin(0.5), 0.0])
+    assert (ellipse.pose.position.x, ellipse.pose.position.z) == (1.0, 0.5)
+    along = turned(ellipse.pose.orientation, [1.0, 0.0, 0.0])
+    assert np.abs(along) == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)  # of the larger spread
+    # 95 of 100 points of a normal distribution lie in it.
+    points = np.random.default_rng(0).normal(size=(100_000, 2)) * [0.2, 0.1]
+    inside = ((points / [ellipse.scale.x / 2, ellipse.scale.y / 2]) ** 2).sum(1) <= 1
+    assert inside.mean() == pytest.approx(0.95, abs=0.005)
+    assert markers.robot_markers(message, yaw_known=False).markers[0].type == Marker.SPHERE
+
+
+def test_what_is_seen_is_laid_on_the_map_and_joined_to_what_explains_it():
+    head = conversions.header(0, "home")
+    objects = [
+        markers.Laid((1.0, 2.0, 0.0), markers.WHITE, (1.5, 2.0, 0.0)),
+        markers.Laid((3.0, 4.0, 0.0), markers.GREY, None),
+    ]
+    seen, joined = markers.laid_markers(head, objects).markers
+    assert [(p.x, p.y) for p in seen.points] == [(1.0, 2.0), (3.0, 4.0)]
+    assert seen.colors == [markers.WHITE, markers.GREY]
+    assert [(p.x, p.y) for p in joined.points] == [(1.0, 2.0), (1.5, 2.0)]
+    assert {m.action for m in markers.laid_markers(head, []).markers} == {Marker.DELETE}
+
+
 def test_the_map_is_drawn_whole_with_buildings_apart(assets):
     loaded = load(assets / "both.map")
     drawn = markers.map_markers(loaded, str.upper, conversions.time_msg(0)).markers
