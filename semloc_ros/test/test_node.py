@@ -338,6 +338,64 @@ def test_initialpose_is_told_again_to_who_comes_late_until_amcl_answers(localise
     assert (len(amcl), other) == (count, [])
 
 
+def test_a_persons_initialpose_narrows_the_search(localiser, client, spin, assets, capfd):
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+
+    from semloc_ros import qos
+
+    localiser(map=str(assets / "twins.map"), accept_probability=0.75)
+    side = client().connect()
+    rviz = spin(rclpy.create_node("rviz")).create_publisher(PoseWithCovarianceStamped, "initialpose", qos.LATEST)
+    wait_for(lambda: rviz.get_subscription_count() >= 2, "the localiser and the test to listen")
+    (update, *_) = updates()
+    side.send(update)
+    assert side.wait_matches(1)[-1].status == "ambiguous"
+    hint = PoseWithCovarianceStamped()
+    hint.header.frame_id = "map"  # which is no building's, where there are two
+    rviz.publish(hint)
+    wait_for(lambda: "not taken as a hint: expected" in capfd.readouterr().err, "a line")
+    hint.header.frame_id = "there"
+    rviz.publish(hint)
+    time.sleep(0.5)
+    side.send(update)
+    answer = side.wait_matches(2)[-1]
+    assert (answer.status, answer.frame_id, answer.matches[0].map) == ("match", "there", "there")
+
+
+def test_of_a_map_of_several_buildings_everything_is_in_the_frame_of_its_building(localiser, client, assets):
+    localiser(map=str(assets / "both.map"), explain_rate_hz=1000.0)
+    side = client().connect()
+    wait_for(lambda: side.node.count_publishers("/localiser/markers"))
+    time.sleep(0.5)
+    starts = {0: 1_700_000_000 * 10**9, 7: 1_700_000_100 * 10**9}
+    runs = [
+        [s.update for s in building.steps(building.corridor(seed=i), start_stamp_ns=t)][:1] for i, t in starts.items()
+    ]
+    for count, (name, run) in enumerate(zip(("home", "other"), runs, strict=True), 1):
+        side.send(run[0])
+        answer = side.wait_matches(count)[-1]
+        assert (answer.status, answer.matches[0].map, answer.frame_id) == ("match", name, name)
+        for topic in ("pose", "attributions", "evidence"):
+            wait_for(lambda count=count, topic=topic: len(side.seen[f"/localiser/{topic}"]) == count, topic)
+        assert side.seen["/localiser/pose"][-1].header.frame_id == name
+        assert side.attributions[-1].frame_id == name
+        assert side.messages("evidence", wire.ClassAttributions)[-1].frame_id == name
+        drawn = wait_for(
+            lambda name=name: (
+                (found := [m for a in list(side.seen["/localiser/markers"]) for m in a.markers])
+                and any(m.ns == "seen" and m.header.frame_id == name for m in found)
+                and found
+            )
+        )
+    frames = {(m.ns, m.header.frame_id) for m in drawn}
+    assert ("robot", "home") in frames
+    assert ("robot", "other") in frames
+    assert not any(frame == "map" for ns, frame in frames if ns in ("robot", "matches", "seen", "explained"))
+    (shown,) = wait_for(lambda: side.seen["/localiser/map_markers"])
+    of = {m.ns: m.header.frame_id for m in shown.markers}
+    assert (of["places of home"], of["places of other"]) == ("home", "other")
+
+
 def test_markers_have_stable_ids_and_are_cleared_with_the_map(localiser, client, assets):
     localiser(explain_rate_hz=1000.0)
     side = client().connect()
