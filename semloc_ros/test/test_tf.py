@@ -299,9 +299,10 @@ def test_tf2_finds_the_robot_in_the_map(localiser, client, spin):
     listener = tf2_ros.TransformListener(buffer, listening, spin_thread=False)
     (update, *_) = updates()
     side.send(update)
-    now = listening.get_clock().now()
-    wait_for(lambda: buffer.can_transform("map", "odom", now), "a transform that holds now")
-    found = buffer.lookup_transform("map", "odom", now).transform
+    clock = listening.get_clock()
+    # What is stamped a second ahead holds from a second on.
+    wait_for(lambda: buffer.can_transform("map", "odom", clock.now()), "a transform that holds now")
+    found = buffer.lookup_transform("map", "odom", clock.now()).transform
     pose, here = side.wait_matches(1)[0].matches[0].pose, update.odometry
     yaw = 2 * math.atan2(found.rotation.z, found.rotation.w)
     x, y, _ = here.position
