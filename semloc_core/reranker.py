@@ -108,6 +108,7 @@ class Reranker:
         raw: Ints,
         top_n: int,
         ages: Ages | None = None,
+        only: NDArray[np.bool_] | None = None,
     ) -> Reranked | None:
         """Test the likeliest places of the map for one place of a graph.
 
@@ -118,6 +119,7 @@ class Reranker:
             raw: rows of the search's answer, best first: they follow what was tested.
             top_n: how many places to list.
             ages: of the graph's objects; None: all are new.
+            only: (M,) bool, the places that the robot can be at; None for all.
 
         Returns:
             The answer; None where no object around the robot fits anything in the map.
@@ -126,7 +128,7 @@ class Reranker:
         verifier = self._verifier
         drift = None if ages is None else ages.drift
         fragment = fragment_of_graph(graph, self._labelspace, place, verifier.config, ages, drift)
-        found = verifier.verify(fragment, similarity)
+        found = verifier.verify(fragment, similarity, only)
         if found is None:
             return None
         sure = confidence(found, fragment, verifier.mapped)

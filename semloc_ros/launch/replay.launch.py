@@ -27,7 +27,8 @@ ARGUMENTS = {
     "record": ("", "folder to record the node's answers to; empty: do not record"),
     "map": ("", "path of the map database"),
     "namespace": ("", "namespace of the robot"),
-    "frame_id": ("map", "frame of what is published"),
+    "frame_id": ("map", "frame of the matched building; map: its name where the map holds several"),
+    "publish_tf": ("true", "join frame_id and the updates' frame, so that RViz shows both"),
     "rviz": ("false", "open RViz on the localiser's topics"),
 }
 
@@ -40,7 +41,7 @@ def generate_launch_description():
             PathJoinSubstitution([FindPackageShare("semloc_ros"), "launch", "localiser.launch.py"])
         ),
         launch_arguments={
-            **{name: value[name] for name in ("map", "namespace", "frame_id", "rviz")},
+            **{name: value[name] for name in ("map", "namespace", "frame_id", "publish_tf", "rviz")},
             "scene_graph": "/scene_graph",  # as in the bag, whatever the namespace
             "use_sim_time": "true",
         }.items(),

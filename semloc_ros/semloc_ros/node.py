@@ -24,6 +24,7 @@ from typing import Any
 
 import torch
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
@@ -42,6 +43,7 @@ from semloc_ros.parameters import READ_ONLY, NodeConfig, declare, read
 from semloc_ros.publishing import Publishing
 from semloc_ros.running import run
 from semloc_ros.session import Session
+from semloc_ros.tf import PERIOD_S
 
 DIAGNOSTICS_PERIOD_S = 1.0
 EXPLAIN_TIMEOUT_S = 120.0
@@ -85,8 +87,8 @@ class LocaliserNode(LifecycleNode):
         self._map_lock = threading.Lock()
         self._prepared: Localiser | None = None
         # Parameters and transitions use the default group, so that loading a map there holds up nothing else.
-        self._update_group, self._question_group, self._timer_group = (
-            MutuallyExclusiveCallbackGroup() for _ in range(3)
+        self._update_group, self._question_group, self._timer_group, self._tf_group = (
+            MutuallyExclusiveCallbackGroup() for _ in range(4)
         )
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)  # a simulated clock may stand still
         self.add_on_set_parameters_callback(self._check_parameters)
@@ -169,6 +171,15 @@ class LocaliserNode(LifecycleNode):
         serve = functools.partial(keep, self.create_service, self.destroy_service, Trigger)
         subscribe("scene_graph", self._on_update, qos.UPDATES, callback_group=self._update_group)
         subscribe("~/explain_request", self._on_request, qos.ANSWERS, callback_group=self._question_group)
+        keep(
+            self.create_subscription,
+            self.destroy_subscription,
+            PoseWithCovarianceStamped,
+            "initialpose",
+            self._on_hint,
+            qos.LATEST,
+            callback_group=self._question_group,
+        )
         serve("~/explain", self._on_explain, callback_group=self._question_group)
         serve("~/reset", self._on_reset, callback_group=self._question_group)
         serve("~/reload_map", self._on_reload, callback_group=self._question_group)
@@ -184,6 +195,7 @@ class LocaliserNode(LifecycleNode):
             callback_group=self._timer_group,
             clock=self._steady,
         )
+        keep(self.create_timer, self.destroy_timer, PERIOD_S, self._on_tf_timer, callback_group=self._tf_group)
 
     # -- topics ------------------------------------------------------------------------------------------------
 
@@ -211,6 +223,17 @@ class LocaliserNode(LifecycleNode):
         else:
             session.publish_explanation(future.result())
 
+    def _on_hint(self, message: PoseWithCovarianceStamped) -> None:
+        session = self._session
+        if session is None:
+            return
+        try:
+            refused = session.hint(message)
+        except SemlocError as error:
+            refused = str(error)
+        if refused:
+            self.get_logger().warning(f"initialpose not taken as a hint: {refused}")
+
     def _log_rejected(self, line: str) -> None:
         self.get_logger().warning(f"update rejected: {line}", throttle_duration_sec=1.0)
 
@@ -226,6 +249,11 @@ class LocaliserNode(LifecycleNode):
             self.get_logger().error(f"diagnostics failed: {type(error).__name__}: {error}", throttle_duration_sec=60.0)
             return
         self._diagnostics.publish(conversions.diagnostics_msg(lines, self.get_fully_qualified_name(), stamp))
+
+    def _on_tf_timer(self) -> None:
+        session = self._session
+        if session is not None:
+            session.send_again()
 
     # -- services ----------------------------------------------------------------------------------------------
 

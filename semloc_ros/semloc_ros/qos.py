@@ -46,3 +46,11 @@ LATEST = QoSProfile(
     depth=10,
 )
 """What only the latest of matters: markers, diagnostics."""
+
+TRANSFORMS = QoSProfile(
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+    history=HistoryPolicy.KEEP_LAST,
+    depth=100,
+)
+"""As tf2's own broadcaster sends them."""
