@@ -88,12 +88,15 @@ class Diagnostics:
         explained: ExplainCounts,
         shift: ClassShift | None,
         state: str,
+        failure: str,
         stale_after_s: float,
     ) -> list[Line]:
-        """How things are now."""
+        """How things are now: in this state of the lifecycle, whose last transition failed so."""
         with self._lock:
             last, latencies = self._last, list(self._latency_ms)
         level, message = _localisation(worker, last, state, stale_after_s)
+        if failure:
+            level, message = "error", f"{state}: {failure}"
         counts, stream = worker.counts, worker.stream_counts()
         matches = last.located.matches if last is not None else None
         values = {
@@ -121,6 +124,17 @@ class Diagnostics:
         if server is not None:
             lines.append(Line("map server", "ok" if server.answers else "error", server.line, server.values))
         return lines
+
+
+def not_running(state: str, failure: str) -> Line:
+    """What is said of a node that has no localiser: in which state, and why, where its last transition failed."""
+    if failure:
+        return Line("localisation", "error", f"{state}: {failure}", {"state": state})
+    if state == "configuring":
+        return Line("localisation", "ok", "configuring: the map is being loaded", {"state": state})
+    if state == "unconfigured":
+        return Line("localisation", "warn", "unconfigured: waits for a lifecycle manager", {"state": state})
+    return Line("localisation", "warn", f"{state}: nothing is answered", {"state": state})
 
 
 def _localisation(worker: Worker, last: Answer | None, state: str, stale_after_s: float) -> tuple[Level, str]:

@@ -22,7 +22,12 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import rclpy
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, ParameterException
+from rclpy.exceptions import (
+    InvalidHandle,
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterException,
+)
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -30,6 +35,7 @@ from rclpy.signals import SignalHandlerOptions
 from semloc_core.errors import SemlocError
 
 N = TypeVar("N", bound=Node)
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 THREADS = 6
 """Updates, questions, diagnostics, parameters and transitions each may wait for something; one to spare."""
 SPIN_S = 0.2
@@ -56,8 +62,15 @@ def run(
     """
     # Our own handlers: rclpy's end the context at once, while threads still publish.
     ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
+
+    def end(*_: object) -> None:
+        # Ctrl-C under `ros2 launch` comes twice, from the terminal and from launch: once is enough.
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+        ended.set()
+
+    for number in SIGNALS:
+        signal.signal(number, end)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = make()
@@ -72,7 +85,11 @@ def run(
     def spin() -> None:
         try:
             while not ended.is_set():
-                executor.spin_once(timeout_sec=SPIN_S)
+                try:
+                    executor.spin_once(timeout_sec=SPIN_S)
+                except InvalidHandle as error:
+                    # Something was destroyed, in order, while its callback ran: that ends the callback, not the node.
+                    node.get_logger().debug(f"a callback outlived what it belongs to: {error}")
         except BaseException as error:
             failed.append(error)
         finally:
