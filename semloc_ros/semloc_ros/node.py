@@ -207,7 +207,7 @@ class LocaliserNode(LifecycleNode):
         """Load the map, make publishers, threads and subscriptions; updates are applied from now on."""
         config, options = read(self, NodeConfig), read(self, LocaliserConfig)
         localiser = self._open(config.map, options, wait=True)
-        self._session = Session(localiser, config, Publishing(self), self._log_rejected)
+        self._session = Session(localiser, config, Publishing(self), self._log_lost)
         self._make_entities()
         super().on_configure(state)
         if localiser.map_info is None:
@@ -296,8 +296,8 @@ class LocaliserNode(LifecycleNode):
         else:
             session.publish_explanation(future.result())
 
-    def _log_rejected(self, line: str) -> None:
-        self.get_logger().warning(f"update rejected: {line}", throttle_duration_sec=1.0)
+    def _log_lost(self, line: str) -> None:
+        self.get_logger().warning(line, throttle_duration_sec=1.0)
 
     def _on_timer(self) -> None:
         session, state, stamp = self._session, self.state, self.get_clock().now().to_msg()

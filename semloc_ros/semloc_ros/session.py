@@ -43,7 +43,7 @@ class Session:
         localiser: as the parameters say.
         config: the node's own options; change ``config`` to change them.
         publishing: what answers go to; freed with the session.
-        on_rejected: called with a line for each update that is refused.
+        on_lost: called with a line for each update that is refused, or that comes to nothing.
 
     """
 
@@ -52,7 +52,7 @@ class Session:
         localiser: Localiser,
         config: NodeConfig,
         publishing: Publishing,
-        on_rejected: Callable[[str], None],
+        on_lost: Callable[[str], None],
     ) -> None:
         self.config = config
         self._publishing = publishing
@@ -60,7 +60,7 @@ class Session:
         self._shift_lock = threading.Lock()
         self._shift = ClassShift(localiser.map)
         self.explaining = Explaining(self._on_attributions, config.explain_deadline_s)
-        self.worker = Worker(localiser, self._on_answer, on_rejected)
+        self.worker = Worker(localiser, self._on_answer, on_lost)
         self._drawn: LoadedMap | None = None
         self._closing = threading.RLock()
         """Held while others than worker and explainer, which end first, publish; and while publishers are freed."""

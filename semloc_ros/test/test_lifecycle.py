@@ -124,7 +124,8 @@ def test_a_transition_that_the_state_does_not_allow_is_refused_and_the_node_live
     assert side.state() == UNCONFIGURED
     for wanted in (CLEANUP, ACTIVATE, DEACTIVATE, 7, 99, 255, 10):
         assert not side.change(wanted)
-    assert side.change(CONFIGURE) and side.change(ACTIVATE)
+    assert side.change(CONFIGURE)
+    assert side.change(ACTIVATE)
     for wanted in (CONFIGURE, CLEANUP, ACTIVATE, 5, 6, 99, 0):
         assert not side.change(wanted)
     for label in ("configure", "activate", "nonsense", "transition_success"):
@@ -156,11 +157,13 @@ def test_a_lifecycle_managers_first_configure_takes_a_node_over_that_started_its
 def test_a_cleanup_while_a_service_call_is_open_answers_it(running, service):
     side = running(explainer="class_shapley")
     for _ in range(3):
-        assert side.change(CONFIGURE) and side.change(ACTIVATE)
+        for wanted in (CONFIGURE, ACTIVATE):
+            assert side.change(wanted)
         side.connect().send(updates()[0])
         side.wait_matches(1)
         open_call = side.ask(service)
-        assert side.change(DEACTIVATE) and side.change(CLEANUP)
+        for wanted in (DEACTIVATE, CLEANUP):
+            assert side.change(wanted)
         side.answer(open_call, service)
     assert not side.answer(side.ask(service), service).success  # it is unconfigured, and says so
 
