@@ -15,6 +15,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
@@ -38,6 +39,8 @@ N = TypeVar("N", bound=Node)
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 THREADS = 6
 """Updates, questions, diagnostics, parameters and transitions each may wait for something; one to spare."""
+GRACE_S = 1.0
+"""So long may what was begun before a signal take to end in order; `ros2 launch` sends SIGTERM after 5 s."""
 SPIN_S = 0.2
 """How often the executor looks whether it is to end: `Executor.shutdown` frees what a spinning thread still uses."""
 
@@ -101,6 +104,11 @@ def run(
         spinning = threading.Thread(target=spin, name="executor", daemon=True)
         spinning.start()
         ended.wait()
+        # Whatever a callback is busy with, such as reading a map: the end does not wait for it any longer than this.
+        patience = threading.Timer(GRACE_S, lambda: os._exit(1 if failed else 0))
+        patience.daemon = True
+        patience.start()
+        executor.wake()
         spinning.join()
         for error in failed:
             node.get_logger().fatal(f"the node failed: {type(error).__name__}: {error}")
@@ -114,4 +122,5 @@ def run(
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
+    patience.cancel()
     return 1 if failed else 0
