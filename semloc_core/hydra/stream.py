@@ -95,6 +95,10 @@ class DsgStream:
             self._full_ns = stamp_ns
         return self._deltas.update(self._graph, stamp_ns, frame_id, query_place(self._graph, mine), full=due)
 
+    def ask_full(self) -> None:
+        """Have the next update be a full one."""
+        self._full_ns = None
+
     def _read(self, contents: bytes, whole: bool) -> HydraFile:
         import spark_dsg
 

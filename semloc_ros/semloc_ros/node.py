@@ -18,6 +18,7 @@ from __future__ import annotations
 import functools
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, TimeoutError
 from typing import Any
@@ -32,7 +33,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.timer import Timer
-from std_msgs.msg import String
+from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger
 
 from semloc_core import wire
@@ -48,6 +49,8 @@ from semloc_ros.running import run
 from semloc_ros.session import Session
 
 DIAGNOSTICS_PERIOD_S = 1.0
+ASKED_EVERY_S = 1.0
+"""While only a full update can help, it is asked for so often at most."""
 EXPLAIN_TIMEOUT_S = 120.0
 LISTED = 100
 """Buildings that are logged at most."""
@@ -136,6 +139,8 @@ class LocaliserNode(LifecycleNode):
         serve("~/reset", self._on_reset)
         serve("~/reload_map", self._on_reload)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", qos.LATEST)
+        self._full_requests = self.create_publisher(Empty, qos.full_request_topic(self), qos.LATEST)
+        self._asked = -ASKED_EVERY_S
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._on_timer, callback_group=self._timer_group, clock=self._steady)
 
     @property
@@ -207,7 +212,7 @@ class LocaliserNode(LifecycleNode):
         """Load the map, make publishers, threads and subscriptions; updates are applied from now on."""
         config, options = read(self, NodeConfig), read(self, LocaliserConfig)
         localiser = self._open(config.map, options, wait=True)
-        self._session = Session(localiser, config, Publishing(self), self._log_lost)
+        self._session = Session(localiser, config, Publishing(self), self._on_lost)
         self._make_entities()
         super().on_configure(state)
         if localiser.map_info is None:
@@ -296,8 +301,12 @@ class LocaliserNode(LifecycleNode):
         else:
             session.publish_explanation(future.result())
 
-    def _log_lost(self, line: str) -> None:
+    def _on_lost(self, line: str, full_needed: bool) -> None:
         self.get_logger().warning(line, throttle_duration_sec=1.0)
+        now = time.monotonic()
+        if full_needed and now >= self._asked + ASKED_EVERY_S:
+            self._asked = now
+            self._full_requests.publish(Empty())
 
     def _on_timer(self) -> None:
         session, state, stamp = self._session, self.state, self.get_clock().now().to_msg()

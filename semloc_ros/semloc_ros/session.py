@@ -43,7 +43,7 @@ class Session:
         localiser: as the parameters say.
         config: the node's own options; change ``config`` to change them.
         publishing: what answers go to; freed with the session.
-        on_lost: called with a line for each update that is refused, or that comes to nothing.
+        on_lost: see `Worker`.
 
     """
 
@@ -52,7 +52,7 @@ class Session:
         localiser: Localiser,
         config: NodeConfig,
         publishing: Publishing,
-        on_lost: Callable[[str], None],
+        on_lost: Callable[[str, bool], None],
     ) -> None:
         self.config = config
         self._publishing = publishing

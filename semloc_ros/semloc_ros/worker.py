@@ -111,7 +111,8 @@ class Worker:
     Args:
         localiser: owned from now on; reach it through `call`.
         on_answer: called in the thread with each answer.
-        on_lost: called in the thread with one line for each update that is refused, or that comes to nothing.
+        on_lost: called in the thread for each update that is refused, or that comes to nothing: with a line, and
+            whether only a full update can mend it.
 
     """
 
@@ -119,7 +120,7 @@ class Worker:
         self,
         localiser: Localiser,
         on_answer: Callable[[Answer], None],
-        on_lost: Callable[[str], None],
+        on_lost: Callable[[str, bool], None],
     ) -> None:
         self._localiser = localiser
         self._on_answer = on_answer
@@ -271,13 +272,13 @@ class Worker:
                 self.counts.missed += max(0, update.seq - self._seq - 1)
             self._seq = update.seq
             return update
-        self._lose(outcome.value, LOST[outcome].format(seq=update.seq, last=self._seq))
+        self._lose(outcome.value, LOST[outcome].format(seq=update.seq, last=self._seq), True)
         return update if outcome is not Outcome.REPEATED else None
 
     def _reject(self, kind: str, error: SemlocError) -> None:
         self.counts.last_rejection = str(error)
-        self._lose(kind, f"update rejected: {error}")
+        self._lose(kind, f"update rejected: {error}", False)
 
-    def _lose(self, kind: str, line: str) -> None:
+    def _lose(self, kind: str, line: str, full_needed: bool) -> None:
         self.losses.append((time.monotonic_ns(), kind))
-        self._on_lost(line)
+        self._on_lost(line, full_needed)
