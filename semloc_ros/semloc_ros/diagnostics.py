@@ -89,8 +89,8 @@ class Diagnostics:
         explained: ExplainCounts,
         shift: ClassShift | None,
         state: str,
-        failure: str,
         stale_after_s: float,
+        failure: str = "",
     ) -> list[Line]:
         """How things are now: in this state of the lifecycle, whose last transition failed so."""
         with self._lock:
@@ -146,7 +146,7 @@ def _localisation(worker: Worker, last: Answer | None, state: str, stale_after_s
     level, message = _input(worker, stale_after_s)
     if level in ("stale", "error"):
         return level, message
-    if _age_s(worker.answered_ns) > stale_after_s:
+    if worker.answered_ns is not None and _age_s(worker.answered_ns) > stale_after_s:
         return "error", f"updates are applied, but none was answered for {_age_s(worker.answered_ns):.0f} s"
     if last is None:
         return "warn", "updates come, and the first answer is awaited"
@@ -187,7 +187,7 @@ def _input(worker: Worker, stale_after_s: float) -> tuple[Level, str]:
     age_s = _age_s(worker.applied_ns)
     if any(kind in ("gap", "waiting") and _age_s(ns) < age_s for ns, kind in recent):
         return "error", f"no graph: updates were missed, and no full update has come since: {lost}"
-    if age_s > stale_after_s:
+    if lost and age_s > stale_after_s:
         since = f"for {age_s:.0f} s" if worker.applied_ns is not None else "yet"
         return "error", f"updates come, but none could be applied {since}: {lost}"
     return ("warn", f"updates are lost: {lost}") if lost else ("ok", "every update is applied")

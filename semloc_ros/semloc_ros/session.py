@@ -146,7 +146,7 @@ class Session:
         """Diagnostics, see `semloc_ros.diagnostics.Diagnostics.lines`."""
         with self._shift_lock:
             return self._diagnostics.lines(
-                self.worker, self.explaining.counts, self._shift, state, failure, self.config.stale_after_s
+                self.worker, self.explaining.counts, self._shift, state, self.config.stale_after_s, failure
             )
 
     def _on_answer(self, answer: Answer) -> None:
