@@ -15,6 +15,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
@@ -43,6 +44,29 @@ GRACE_S = 1.0
 """So long may what was begun before a signal take to end in order; `ros2 launch` sends SIGTERM after 5 s."""
 SPIN_S = 0.2
 """How often the executor looks whether it is to end: `Executor.shutdown` frees what a spinning thread still uses."""
+
+
+class RosLog(logging.Handler):
+    """What the core says goes where the node's own lines go: to the console, the log file and /rosout."""
+
+    def __init__(self, node: Node) -> None:
+        super().__init__()
+        self._logger = node.get_logger()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Say a line; each severity has a line of its own here, as rclpy wants it."""
+        try:
+            line = self.format(record)
+            if record.levelno >= logging.ERROR:
+                self._logger.error(line)
+            elif record.levelno >= logging.WARNING:
+                self._logger.warning(line)
+            elif record.levelno >= logging.INFO:
+                self._logger.info(line)
+            else:
+                self._logger.debug(line)
+        except Exception:  # as logging has it: a line that can't be said ends nothing
+            self.handleError(record)
 
 
 def run(
@@ -81,6 +105,8 @@ def run(
         sys.stderr.write(f"{error}\n")
         rclpy.try_shutdown()
         return 2
+    for package in ("semloc_core", "semloc_ros"):
+        logging.getLogger(package).addHandler(RosLog(node))
     executor = MultiThreadedExecutor(THREADS)
     executor.add_node(node)
     failed: list[BaseException] = []

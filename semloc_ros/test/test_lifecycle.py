@@ -204,3 +204,21 @@ def test_any_order_of_valid_calls_at_any_time(running, assets, seed):
     side.connect().send(run[0])
     before = len(side.seen["/localiser/matches"])
     side.wait_matches(before + 1)
+
+
+def test_what_the_core_logs_goes_to_the_ros_logger(spin, capfd):
+    import logging
+
+    import rclpy
+    from semloc_ros.running import RosLog
+
+    logger, handler = logging.getLogger("semloc_core.some_module"), RosLog(spin(rclpy.create_node("speaker")))
+    logger.addHandler(handler)
+    try:
+        for level in (logging.WARNING, logging.ERROR):  # one after the other: rclpy has a severity a line of code
+            logger.log(level, "the map is %s", "odd")
+    finally:
+        logger.removeHandler(handler)
+    said = capfd.readouterr().err
+    for level in ("WARN", "ERROR"):
+        assert any(f"[{level}]" in line and "[speaker]: the map is odd" in line for line in said.splitlines())
