@@ -47,7 +47,8 @@ class Ages:
 
     def __init__(self) -> None:
         self._way = Way()
-        self._walked = 0.0
+        self.walked = 0.0
+        """Metres walked so far."""
         self._known: dict[str, tuple[Object, float]] = {}
 
     def update(self, graph: SceneGraph, change: Change, odometry: Odometry | None) -> None:
@@ -60,18 +61,18 @@ class Ages:
 
         """
         here = graph.places.get(graph.query_place) if graph.query_place is not None else None
-        self._walked += self._way.step(here, odometry)
+        self.walked += self._way.step(here, odometry)
         known = self._known
         for key in change.objects:
             item = graph.objects.get(key)
             if item is None:
                 known.pop(key, None)
             elif key not in known or known[key][0] != item:
-                known[key] = (item, self._walked)
+                known[key] = (item, self.walked)
         if len(known) > len(graph.objects):  # of a graph that was lost
             self._known = {key: value for key, value in known.items() if key in graph.objects}
 
     def __call__(self, key: str) -> float:
         """Metres walked since an object of the graph changed; 0 for one that is not known."""
         found = self._known.get(key)
-        return 0.0 if found is None else self._walked - found[1]
+        return 0.0 if found is None else self.walked - found[1]

@@ -103,6 +103,7 @@ class Reranker:
         raw: Ints,
         top_n: int,
         age: Callable[[str], float] | None = None,
+        only: NDArray[np.bool_] | None = None,
     ) -> Reranked | None:
         """Test the likeliest places of the map for one place of a graph.
 
@@ -113,6 +114,7 @@ class Reranker:
             raw: rows of the search's answer, best first: they follow what was tested.
             top_n: how many places to list.
             age: metres walked since an object last changed, by its id; None: all are new.
+            only: (M,) bool, the places that the robot can be at; None for all.
 
         Returns:
             The answer; None where no object around the robot fits anything in the map.
@@ -120,7 +122,7 @@ class Reranker:
         """
         verifier = self._verifier
         fragment = fragment_of_graph(graph, self._labelspace, place, verifier.config, age)
-        found = verifier.verify(fragment, similarity)
+        found = verifier.verify(fragment, similarity, only)
         if found is None:
             return None
         sure = confidence(found, fragment, verifier.mapped)

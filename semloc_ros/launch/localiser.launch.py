@@ -26,7 +26,9 @@ from launch_ros.substitutions import FindPackageShare
 
 OVERRIDES = {
     "map": (str, "path of the map database"),
-    "frame_id": (str, "frame of what is published"),
+    "frame_id": (str, "frame of the matched building; map: its name where the map holds several"),
+    "publish_tf": (bool, "send the transform from frame_id to the updates' frame: semloc instead of AMCL"),
+    "initialpose_after": (int, "tell AMCL where the robot is after so many matches: semloc beside AMCL"),
     "use_sim_time": (bool, "take the time from /clock"),
     "autostart": (bool, "configure and activate without a lifecycle manager"),
     "exit_on_failure": (bool, "end where autostart fails, instead of trying again"),

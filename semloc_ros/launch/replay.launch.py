@@ -31,7 +31,8 @@ ARGUMENTS = {
     "record": ("", "folder to record the node's answers to; empty: do not record"),
     "map": ("", "path of the map database"),
     "namespace": ("", "namespace of the robot"),
-    "frame_id": ("", "frame of what is published; empty: the node's default"),
+    "frame_id": ("", "frame of the matched building; empty: the node's default"),
+    "publish_tf": ("true", "join frame_id and the updates' frame, so that RViz shows both"),
     "rviz": ("false", "open RViz on the localiser's topics"),
 }
 
@@ -57,7 +58,7 @@ def generate_launch_description():
             PathJoinSubstitution([FindPackageShare("semloc_ros"), "launch", "localiser.launch.py"])
         ),
         launch_arguments={
-            **{name: value[name] for name in ("map", "namespace", "frame_id", "rviz")},
+            **{name: value[name] for name in ("map", "namespace", "frame_id", "publish_tf", "rviz")},
             "scene_graph": "/scene_graph",  # as in the bag, whatever the namespace
             "use_sim_time": "true",
             "exit_on_failure": "true",

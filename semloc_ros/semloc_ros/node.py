@@ -15,6 +15,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import sys
 import threading
@@ -25,11 +26,13 @@ from typing import Any
 
 import torch
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import InvalidHandle
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.timer import Timer
@@ -47,6 +50,7 @@ from semloc_ros.parameters import READ_ONLY, NodeConfig, declare, read
 from semloc_ros.publishing import Publishing
 from semloc_ros.running import run
 from semloc_ros.session import Session
+from semloc_ros.tf import PERIOD_S
 
 DIAGNOSTICS_PERIOD_S = 1.0
 ASKED_EVERY_S = 1.0
@@ -124,8 +128,8 @@ class LocaliserNode(LifecycleNode):
         self._map_lock = threading.Lock()
         self._prepared: Localiser | None = None
         # Parameters and transitions use the default group, so that loading a map there holds up nothing else.
-        self._update_group, self._question_group, self._timer_group = (
-            MutuallyExclusiveCallbackGroup() for _ in range(3)
+        self._update_group, self._question_group, self._timer_group, self._tf_group = (
+            MutuallyExclusiveCallbackGroup() for _ in range(4)
         )
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)  # a simulated clock may stand still
         self.add_on_set_parameters_callback(self._check_parameters)
@@ -274,6 +278,16 @@ class LocaliserNode(LifecycleNode):
         subscribe = functools.partial(keep, self.create_subscription, self.destroy_subscription, String)
         subscribe("scene_graph", self._on_update, qos.UPDATES, callback_group=self._update_group)
         subscribe("~/explain_request", self._on_request, qos.ANSWERS, callback_group=self._question_group)
+        keep(
+            self.create_subscription,
+            self.destroy_subscription,
+            PoseWithCovarianceStamped,
+            "initialpose",
+            self._on_hint,
+            qos.LATEST,
+            callback_group=self._question_group,
+        )
+        keep(self.create_timer, self.destroy_timer, PERIOD_S, self._on_tf_timer, callback_group=self._tf_group)
 
     # -- topics ------------------------------------------------------------------------------------------------
 
@@ -308,6 +322,17 @@ class LocaliserNode(LifecycleNode):
             self._asked = now
             self._full_requests.publish(Empty())
 
+    def _on_hint(self, message: PoseWithCovarianceStamped) -> None:
+        session = self._session
+        if session is None:
+            return
+        try:
+            refused = session.hint(message)
+        except Exception as error:  # a hint that can't be taken ends nothing
+            refused = _line(error)
+        if refused:
+            self.get_logger().warning(f"initialpose not taken as a hint: {refused}")
+
     def _on_timer(self) -> None:
         session, state, stamp = self._session, self.state, self.get_clock().now().to_msg()
         try:
@@ -318,6 +343,12 @@ class LocaliserNode(LifecycleNode):
             self.get_logger().error(f"diagnostics failed: {type(error).__name__}: {error}", throttle_duration_sec=60.0)
             return
         self._diagnostics.publish(conversions.diagnostics_msg(lines, self.get_fully_qualified_name(), stamp))
+
+    def _on_tf_timer(self) -> None:
+        session = self._session
+        if session is not None:
+            with contextlib.suppress(InvalidHandle):  # cleaned up meanwhile; drawing a map may not hold this up
+                session.send_again()
 
     # -- services ----------------------------------------------------------------------------------------------
 

@@ -55,6 +55,14 @@ class NodeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             description="an explainer that takes longer is not waited for: attention answers, in s",
         ),
     ] = 1.0
+    publish_tf: Annotated[
+        bool,
+        Meta(description="send the transform from frame_id to the frame that updates name, as REP-105 has it"),
+    ] = False
+    transform_tolerance: Annotated[
+        float,
+        Meta(ge=0.0, le=60.0, description="how far ahead that transform is stamped, as AMCL does it, in s"),
+    ] = 1.0
     initialpose_after: Annotated[
         int,
         Meta(ge=0, le=1000, description="publish initialpose (for AMCL) after so many consistent matches; 0: never"),

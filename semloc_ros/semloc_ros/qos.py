@@ -48,6 +48,14 @@ LATEST = QoSProfile(
 )
 """What only the latest of matters: markers, diagnostics."""
 
+TRANSFORMS = QoSProfile(
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+    history=HistoryPolicy.KEEP_LAST,
+    depth=100,
+)
+"""As tf2's own broadcaster sends them."""
+
 
 def full_request_topic(node: Node) -> str:
     """Where a full update is asked for: beside the updates, so that who remaps these remaps both."""

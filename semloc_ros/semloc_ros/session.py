@@ -16,15 +16,19 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from semloc_core import wire
 from semloc_core.class_shift import ClassShift
+from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import SemlocError
+from semloc_core.hint import Hint
 from semloc_core.localiser import Localiser, Located
 from semloc_core.map_database import LoadedMap
 from semloc_ros.diagnostics import Diagnostics, Line
@@ -80,6 +84,8 @@ class Session:
 
     def configure(self, config: NodeConfig) -> None:
         """Take other options of the node."""
+        if not config.publish_tf:
+            self._publishing.forget()
         self.config, self.explaining.deadline_s = config, config.explain_deadline_s
 
     def replace(self, localiser: Localiser, stamp: Time) -> None:
@@ -89,12 +95,15 @@ class Session:
             SemlocError: this one has been stopped; the other one is closed.
 
         """
-        other_map = localiser.map is not self.worker.localiser.map
+        before = self.worker.localiser
+        other_map = localiser.map is not before.map
         try:
             self.worker.replace(localiser)
         except SemlocError:
             localiser.close()
             raise
+        if other_map or localiser.config.frame_id != before.config.frame_id:
+            self._publishing.forget()
         if other_map:
             with self._shift_lock:
                 self._shift = ClassShift(localiser.map)
@@ -103,6 +112,40 @@ class Session:
     def reset(self) -> None:
         """Forget the graph."""
         self.worker.reset()
+        self._publishing.forget()
+
+    def hint(self, message: PoseWithCovarianceStamped) -> str:
+        """Take a person's word for about where the robot is.
+
+        Returns:
+            Why it could not be taken; empty if it was.
+
+        Raises:
+            SemlocError: the session has been stopped.
+
+        """
+        if self._publishing.told(message):
+            return ""
+        frame_id, at = message.header.frame_id, message.pose.pose.position
+        variance = max(message.pose.covariance[0], message.pose.covariance[7])
+        radius_m = max(MATCH_RADIUS_M, 3.0 * math.sqrt(max(variance, 0.0)))
+
+        def narrow(localiser: Localiser) -> str:
+            frames = {name: localiser.frame_of(name) for name in localiser.buildings}
+            meant = [name for name, frame in frames.items() if frame == frame_id.strip("/")]
+            if not meant:
+                return f"expected initialpose in a building's frame (got {frame_id!r})"
+            localiser.hint(Hint(meant, (at.x, at.y), radius_m))
+            return ""
+
+        return self.worker.call(narrow)
+
+    def send_again(self) -> None:
+        """Send again what has to be said again and again: the transform."""
+        if self.worker.answering:
+            self._publishing.again(self.config)
+        else:  # what comes meanwhile is not answered, and may change all
+            self._publishing.forget()
 
     def draw_map(self, stamp: Time, clear: bool = True) -> None:
         """Publish the map's markers."""
@@ -111,7 +154,7 @@ class Session:
                 return
             localiser = self.worker.localiser
             self._drawn = localiser.map
-            self._publishing.map(self._drawn, localiser.config.frame_id, stamp, clear)
+            self._publishing.map(localiser, stamp, clear)
 
     def draw_changes(self, stamp: Time) -> None:
         """Publish the map's markers anew, if somebody looks and these are other buildings of a server's map by now."""
@@ -151,8 +194,11 @@ class Session:
 
     def _on_answer(self, answer: Answer) -> None:
         localiser, located = self.worker.localiser, answer.located
-        latency_ms = self._publishing.answer(answer, localiser.config, self.config.initialpose_after)
+        latency_ms = self._publishing.answer(answer, localiser, self.config)
         self._diagnostics.answered(answer, latency_ms)
+        evidence = localiser.evidence(located)
+        if evidence is not None:
+            self._publishing.evidence(evidence, answer, localiser.stream.graph)
         self._publishing.query(answer, localiser.stream.graph)
         if answer.explain:
             self.explaining.explain(located, localiser.config)

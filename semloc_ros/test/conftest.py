@@ -128,6 +128,7 @@ class Client:
         for topic, kind, profile in (
             (f"{name}/matches", String, qos.ANSWERS),
             (f"{name}/attributions", String, qos.ANSWERS),
+            (f"{name}/evidence", String, qos.ANSWERS),
             (f"{name}/explanations", String, qos.ANSWERS),
             (f"{name}/pose", PoseWithCovarianceStamped, qos.ANSWERS),
             ("initialpose", PoseWithCovarianceStamped, qos.LATEST),
