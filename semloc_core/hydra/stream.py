@@ -98,6 +98,10 @@ class DsgStream:
         update = self._deltas.update(self._graph, stamp_ns, frame_id, query_place(self._graph, mine), full=due)
         return msgspec.structs.replace(update, odometry=odometry(mine, frame_id))
 
+    def ask_full(self) -> None:
+        """Have the next update be a full one."""
+        self._full_ns = None
+
     def _read(self, contents: bytes, whole: bool) -> HydraFile:
         import spark_dsg
 

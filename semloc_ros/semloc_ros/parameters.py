@@ -39,6 +39,10 @@ class NodeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     autostart: Annotated[
         bool, Meta(description="configure and activate by itself, for those who have no lifecycle manager")
     ] = True
+    exit_on_failure: Annotated[
+        bool,
+        Meta(description="where autostart fails, end with status 1 instead of trying again, so that others see it"),
+    ] = False
     stale_after_s: Annotated[
         float,
         Meta(ge=0.1, le=3600.0, description="without an update for so long the input is reported as stale, in s"),
@@ -65,7 +69,7 @@ class NodeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     ] = 0
 
 
-READ_ONLY = frozenset({"autostart"})
+READ_ONLY = frozenset({"autostart", "exit_on_failure"})
 """Parameters that mean nothing once the node runs."""
 
 

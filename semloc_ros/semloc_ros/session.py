@@ -47,7 +47,7 @@ class Session:
         localiser: as the parameters say.
         config: the node's own options; change ``config`` to change them.
         publishing: what answers go to; freed with the session.
-        on_rejected: called with a line for each update that is refused.
+        on_lost: see `Worker`.
 
     """
 
@@ -56,7 +56,7 @@ class Session:
         localiser: Localiser,
         config: NodeConfig,
         publishing: Publishing,
-        on_rejected: Callable[[str], None],
+        on_lost: Callable[[str, bool], None],
     ) -> None:
         self.config = config
         self._publishing = publishing
@@ -64,8 +64,11 @@ class Session:
         self._shift_lock = threading.Lock()
         self._shift = ClassShift(localiser.map)
         self.explaining = Explaining(self._on_attributions, config.explain_deadline_s)
-        self.worker = Worker(localiser, self._on_answer, on_rejected)
+        self.worker = Worker(localiser, self._on_answer, on_lost)
         self._drawn: LoadedMap | None = None
+        self._closing = threading.RLock()
+        """Held while others than worker and explainer, which end first, publish; and while publishers are freed."""
+        self._closed = False
 
     def stop(self) -> None:
         """End threads and process; who waits for an answer gets an error."""
@@ -75,7 +78,9 @@ class Session:
     def close(self) -> None:
         """End all, free the publishers."""
         self.stop()
-        self._publishing.destroy()
+        with self._closing:
+            self._closed = True
+            self._publishing.destroy()
 
     def configure(self, config: NodeConfig) -> None:
         """Take other options of the node."""
@@ -144,15 +149,19 @@ class Session:
 
     def draw_map(self, stamp: Time, clear: bool = True) -> None:
         """Publish the map's markers."""
-        localiser = self.worker.localiser
-        self._drawn = localiser.map
-        self._publishing.map(localiser, stamp, clear)
+        with self._closing:
+            if self._closed:
+                return
+            localiser = self.worker.localiser
+            self._drawn = localiser.map
+            self._publishing.map(localiser, stamp, clear)
 
     def draw_changes(self, stamp: Time) -> None:
         """Publish the map's markers anew, if somebody looks and these are other buildings of a server's map by now."""
-        changed = self._drawn is not None and self._drawn is not self.worker.localiser.map
-        if changed and self._publishing.map_is_watched():  # takes a while
-            self.draw_map(stamp, clear=False)
+        with self._closing:
+            changed = self._drawn is not None and self._drawn is not self.worker.localiser.map
+            if changed and not self._closed and self._publishing.map_is_watched():  # takes a while
+                self.draw_map(stamp, clear=False)
 
     def ask(self, request: wire.ExplainRequest | None) -> Future[str]:
         """Have a request answered about the graph as it is now; None: the last query, by every explainer."""
@@ -172,13 +181,15 @@ class Session:
 
     def publish_explanation(self, text: str) -> None:
         """Publish the answer to a request that came by topic."""
-        self._publishing.explanation(text)
+        with self._closing:
+            if not self._closed:
+                self._publishing.explanation(text)
 
-    def lines(self, state: str) -> list[Line]:
-        """Diagnostics."""
+    def lines(self, state: str, failure: str) -> list[Line]:
+        """Diagnostics, see `semloc_ros.diagnostics.Diagnostics.lines`."""
         with self._shift_lock:
             return self._diagnostics.lines(
-                self.worker, self.explaining.counts, self._shift, state, self.config.stale_after_s
+                self.worker, self.explaining.counts, self._shift, state, self.config.stale_after_s, failure
             )
 
     def _on_answer(self, answer: Answer) -> None:

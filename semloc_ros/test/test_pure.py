@@ -335,6 +335,10 @@ def test_hydras_binary_form_arrives_as_updates(assets):
     assert receiver.apply(second)[0] is Outcome.APPLIED
     assert gone not in receiver.graph.objects
     assert stream.update(graph.to_binary(), True, 6_000_000_000, "map").full  # one is due again
+    assert not stream.update(graph.to_binary(), True, 6_100_000_000, "map").full
+    stream.ask_full()
+    assert stream.update(graph.to_binary(), True, 6_200_000_000, "map").full
+    assert not stream.update(graph.to_binary(), True, 6_300_000_000, "map").full
     with pytest.raises(SemlocError, match="binary form"):
         stream.update(b"nonsense", True, 7_000_000_000, "map")
     assert stream.update(graph.to_binary(), False, 8_000_000_000, "map") is None  # what it changes is not known
