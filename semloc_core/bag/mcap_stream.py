@@ -90,7 +90,7 @@ class McapStream:
         start = stream.read(len(MAGIC))
         if start != MAGIC:
             raise BagError(f"expected an mcap file (got {self.path}, {size} bytes that begin {start!r})")
-        crc = zlib.crc32(start)
+        crc, zeros = zlib.crc32(start), _zeros_from(stream, size)
         while True:
             head = stream.read(_RECORD.size)
             if len(head) < _RECORD.size:
@@ -114,14 +114,14 @@ class McapStream:
             body = stream.read(length)
             if len(body) < length:
                 raise _CutOffError
-            if _is_zero(body[-_TAIL:]) and _rest_is_zero(stream, size):
+            if _is_zero(body[-_TAIL:]) and zeros <= stream.tell() < size:
                 # The file was allotted further than it was written when the power went, from within this record on.
                 raise _CutOffError
             crc = zlib.crc32(body, crc)
             try:
                 yield from self._take(opcode, memoryview(body))
             except BagError as error:
-                if _rest_is_zero(stream, size):
+                if zeros <= stream.tell() < size:
                     raise _CutOffError from error
                 raise
 
@@ -227,16 +227,18 @@ def _is_zero(data: bytes) -> bool:
     return data.count(0) == len(data)
 
 
-def _rest_is_zero(stream: IO[bytes], size: int) -> bool:
-    """Whether there is something from here to the file's end, and nothing but zeros; the position is kept."""
-    start = stream.tell()
-    if start == size:
-        return False
+def _zeros_from(stream: IO[bytes], size: int) -> int:
+    """Where the zeros begin that a file ends with; its size where it ends with none. The position is kept."""
+    start, end = stream.tell(), size
     try:
-        while piece := stream.read(_SKIP_BYTES):
-            if not _is_zero(piece):
-                return False
-        return True
+        while end > 0:
+            stream.seek(max(0, end - _SKIP_BYTES))
+            piece = stream.read(end - stream.tell())
+            left = len(piece.rstrip(b"\0"))
+            end -= len(piece) - left
+            if left:
+                break
+        return end
     finally:
         stream.seek(start)
 
