@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pytest
 from lite_server import LiteServer
+from msgspec.structs import replace
 from small_building import building_update, delta, make_map, make_model
 
 from semloc_core import wire
@@ -127,7 +128,11 @@ def test_a_server_that_is_stopped_and_started_again(tmp_path, model):
             assert time.monotonic() < deadline
             robot.keep_up()
             time.sleep(0.05)
-        assert robot.update(delta(8, query="p5")).matches.matches == then.matches
+        again = robot.update(delta(8, query="p5")).matches
+        # The robot has walked meanwhile: what it saw counts less for its pose.
+        assert [replace(match, pose=None) for match in again.matches] == [
+            replace(match, pose=None) for match in then.matches
+        ]
         robot.close()
     server.stop(kill=True)
 
