@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from semloc_core.cli.common import LabelspaceOption, Seed, building_name, console, pick_labelspace, read_graph
+from semloc_core.cli.shared.common import LabelspaceOption, Seed, building_name, console, pick_labelspace, read_graph
 
 app = typer.Typer(no_args_is_help=True, help="Make bags.")
 
@@ -33,8 +33,8 @@ def simulate(
     """
     import numpy as np
 
-    from semloc_core.run import write_run
-    from semloc_core.simulate import SimulationConfig, simulate_traversal
+    from semloc_core.sources.run import write_run
+    from semloc_core.sources.simulate import SimulationConfig, simulate_traversal
 
     file = read_graph(graph, pick_labelspace(labelspace))
     config = SimulationConfig.of(

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from semloc_core.cli.common import can_be_written, read_graph_or_run
-from semloc_core.cli.map_places import only_a_file
+from semloc_core.cli.shared.common import can_be_written, read_graph_or_run
+from semloc_core.cli.shared.map_places import only_a_file
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import ConfigError, GraphError
-from semloc_core.whole_file import write_whole
+from semloc_core.files import write_whole
 
 if TYPE_CHECKING:
-    from semloc_core.scene_graph import SceneGraph
+    from semloc_core.graph.scene_graph import SceneGraph
 
 
 def explain(
@@ -45,11 +45,11 @@ def explain(
     ] = None,
 ) -> None:
     """Locate one place of a graph, and say which classes and objects made the match, or any other pair."""
-    from semloc_core import wire
     from semloc_core.cli.explained import print_answer, print_explanation
     from semloc_core.explain.pair import asked_methods, check_asked, explain_pair, find_row
     from semloc_core.localiser import Localiser
     from semloc_core.map_database import load
+    from semloc_core.wire import codec as wire
 
     chosen = None if methods is None else [name.strip() for name in methods.split(",")]
     check_asked(chosen or [])

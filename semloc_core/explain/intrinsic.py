@@ -8,9 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from semloc_core.encoder.base import Encoded, Encoder
+from semloc_core.encoding.encoder.base import Encoded, Encoder
+from semloc_core.encoding.place_graph import Batch, repeat
 from semloc_core.explain.scores import ObjectScores
-from semloc_core.place_graph import Batch, repeat
 
 
 def intrinsic_scores(

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from semloc_core.answer import Located
 from semloc_core.errors import SemlocError
 from semloc_core.explain.scores import by_share
-from semloc_core.messages import MethodAttributions, ObjectAttribution
+from semloc_core.matching.answer import Located
+from semloc_core.wire.messages import MethodAttributions, ObjectAttribution
 
 LAYOUT = "layout"
 """The explainer's name."""
@@ -14,7 +14,7 @@ LAYOUT = "layout"
 def layout_attributions(located: Located) -> tuple[MethodAttributions, float]:
     """Credit the objects around the robot with what each adds to the score of the published place.
 
-    The score is a log-likelihood ratio in nats (`semloc_core.layout.align`), and a sum: an object's score is what the
+    The score is a log-likelihood ratio in nats (`matching.layout.pose.align`), and a sum: an object's score is what the
     mapped object that it is taken for makes more likely, at least 0; a class's is the sum over its objects, less what
     is lost for mapped objects of the class that should have been seen and were not, so it may be below 0, or have no
     object at all. Nothing is estimated, so there is no fidelity to be tested.

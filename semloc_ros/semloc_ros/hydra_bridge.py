@@ -31,11 +31,11 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from semloc_core.errors import SemlocError
-from semloc_core.graph_delta import GraphDeltas
-from semloc_core.hydra import AgentPose, HydraFile, from_spark_dsg
-from semloc_core.labelspace import Labelspace, load_labelspace
-from semloc_core.scene_graph import SceneGraph
-from semloc_core.wire import SceneGraphUpdate
+from semloc_core.graph.delta import GraphDeltas
+from semloc_core.graph.labelspace import Labelspace, load_labelspace
+from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.sources.hydra import AgentPose, HydraFile, from_spark_dsg
+from semloc_core.wire.codec import SceneGraphUpdate
 from semloc_ros import conversions, qos
 from semloc_ros.parameters import declare, read
 from semloc_ros.running import run
@@ -175,7 +175,7 @@ class Bridge(Node):
         self._stream = DsgStream(space, config.full_every_s)
         self._waiting: deque[Any] = deque()
         self._dropped: dict[str, int] = {}
-        logging.getLogger("semloc_core.hydra").setLevel(logging.ERROR)  # what is dropped is said below, once
+        logging.getLogger("semloc_core.sources.hydra").setLevel(logging.ERROR)  # what is dropped is said below, once
         self._publisher = self.create_publisher(String, "scene_graph", qos.UPDATES)
         # Messages are taken in while one is worked on, so that of whole graphs only the latest waits.
         self._there_is_work = self.create_guard_condition(self._work, MutuallyExclusiveCallbackGroup())
