@@ -24,7 +24,7 @@ from semloc_core.evaluate.verified_answers import layout_verifier, reranked, tur
 from semloc_core.graph.arrays import Floats, GraphArrays, Ints
 from semloc_core.graph.labelspace import Labelspace, union
 from semloc_core.matching.layout import fragment_of_arrays
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.metrics.calibration import accepted_share, expected_calibration_error
 from semloc_core.metrics.rows import Progress, Row, no_progress
 from semloc_core.sources.hydra import HydraFile, read_hydra

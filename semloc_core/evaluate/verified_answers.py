@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from semloc_core.graph.arrays import Floats, GraphArrays, Ints
 from semloc_core.matching.layout import Fragment, LayoutVerifier, Verified, fragment_of_arrays
 from semloc_core.matching.layout.confidence import SHARPNESS, confidence
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.sources.simulate.walks import Bools, Walk
 from semloc_core.tracking.place_filter import MapModel
 

@@ -13,7 +13,7 @@ from semloc_core.evaluate.relocalise import Arena
 from semloc_core.evaluate.verified_answers import fragments_along, reranked, verified_evidence
 from semloc_core.graph.arrays import Ints
 from semloc_core.matching.layout import LayoutVerifier
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.metrics.calibration import accepted_share, expected_calibration_error
 from semloc_core.metrics.rows import Row
 from semloc_core.tracking.place_filter import FilterConfig, MapModel, PlaceFilter
