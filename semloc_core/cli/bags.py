@@ -33,8 +33,7 @@ def simulate(
     """
     import numpy as np
 
-    from semloc_core.sources.run import write_run
-    from semloc_core.sources.simulate import SimulationConfig, simulate_traversal
+    from semloc_core.sources import SimulationConfig, simulate_traversal, write_run
 
     file = read_graph(graph, pick_labelspace(labelspace))
     config = SimulationConfig.of(

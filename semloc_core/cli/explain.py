@@ -15,7 +15,7 @@ from semloc_core.errors import ConfigError, GraphError
 from semloc_core.files import write_whole
 
 if TYPE_CHECKING:
-    from semloc_core.graph.scene_graph import SceneGraph
+    from semloc_core.graph import SceneGraph
 
 
 def explain(
@@ -45,11 +45,11 @@ def explain(
     ] = None,
 ) -> None:
     """Locate one place of a graph, and say which classes and objects made the match, or any other pair."""
+    from semloc_core import wire
     from semloc_core.cli.explained import print_answer, print_explanation
-    from semloc_core.explain.pair import asked_methods, check_asked, explain_pair, find_row
+    from semloc_core.explain import asked_methods, check_asked, explain_pair, find_row
     from semloc_core.localiser import Localiser
     from semloc_core.map_database import load
-    from semloc_core.wire import codec as wire
 
     chosen = None if methods is None else [name.strip() for name in methods.split(",")]
     check_asked(chosen or [])

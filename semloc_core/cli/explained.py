@@ -10,15 +10,8 @@ from rich.table import Table
 from rich.text import Text
 
 from semloc_core.cli.shared.screen import console, cut, print_whole
-from semloc_core.explain.layout_scores import LAYOUT
-from semloc_core.wire.messages import (
-    Counterfactual,
-    Explanation,
-    MethodAttributions,
-    PlaceMatches,
-    WhyNot,
-    WithoutClass,
-)
+from semloc_core.explain import LAYOUT
+from semloc_core.wire import Counterfactual, Explanation, MethodAttributions, PlaceMatches, WhyNot, WithoutClass
 
 CLASSES = 8
 """Classes printed at most; the JSON has all."""

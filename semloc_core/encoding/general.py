@@ -11,7 +11,7 @@ from pathlib import Path
 
 from semloc_core.encoding.model import Model
 from semloc_core.errors import ModelError
-from semloc_core.graph.labelspace import all_numbers, listed
+from semloc_core.graph import all_numbers, listed
 
 FOLDER = Path(str(resources.files("semloc_core.encoding"))) / "general_models"
 LEAST_KNOWN = 0.5

@@ -15,21 +15,16 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoding.encoder import build_encoder
-from semloc_core.encoding.model import Model, embed_graph
-from semloc_core.encoding.place_graph import extract_all
+from semloc_core.encoding import Model, build_encoder, embed_graph, extract_all
 from semloc_core.errors import FileFormatError
 from semloc_core.evaluate.verified_answers import layout_verifier, reranked, turned
-from semloc_core.graph.arrays import Floats, GraphArrays, Ints
-from semloc_core.graph.labelspace import Labelspace, union
-from semloc_core.matching.layout import fragment_of_arrays
-from semloc_core.metrics import precision_recall as metrics
-from semloc_core.metrics.calibration import accepted_share, expected_calibration_error
-from semloc_core.metrics.rows import Progress, Row, no_progress
-from semloc_core.sources.hydra import HydraFile, read_hydra
-from semloc_core.training.config import TrainConfig
-from semloc_core.training.loop import Report, train
+from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, union
+from semloc_core.matching import fragment_of_arrays
+from semloc_core.metrics import Progress, Row, accepted_share, expected_calibration_error, no_progress
+from semloc_core.sources import HydraFile, read_hydra
+from semloc_core.training import Report, TrainConfig, train
 
 BASELINES = ("bag_of_words", "tfidf", "histogram", "rings")
 

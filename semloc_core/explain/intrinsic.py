@@ -8,8 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from semloc_core.encoding.encoder.base import Encoded, Encoder
-from semloc_core.encoding.place_graph import Batch, repeat
+from semloc_core.encoding import Batch, Encoded, Encoder, repeat
 from semloc_core.explain.scores import ObjectScores
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from semloc_core.errors import SemlocError
 from semloc_core.explain.scores import by_share
-from semloc_core.matching.answer import Located
-from semloc_core.wire.messages import MethodAttributions, ObjectAttribution
+from semloc_core.matching import Located
+from semloc_core.wire import MethodAttributions, ObjectAttribution
 
 LAYOUT = "layout"
 """The explainer's name."""

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.encoding.model import Model, embed_graph
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.metrics import precision_recall as metrics
-from semloc_core.training.split import positive_pairs
+from semloc_core import metrics
+from semloc_core.encoding import Model, embed_graph
+from semloc_core.graph import GraphArrays, Labelspace
+from semloc_core.training import positive_pairs
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

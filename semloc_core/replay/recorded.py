@@ -15,12 +15,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
+from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import BagError, GraphError, MessageError
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
 from semloc_core.replay.traversal_score import LatencyHistogram, TraversalScore
-from semloc_core.sources.bag import (
+from semloc_core.sources import (
     GROUND_TRUTH_TOPIC,
     POINT_STAMPED,
     STRING,
@@ -30,7 +31,6 @@ from semloc_core.sources.bag import (
     decode_string,
     read_messages,
 )
-from semloc_core.wire import codec as wire
 
 logger = logging.getLogger(__name__)
 

@@ -11,9 +11,9 @@ from typing import NamedTuple, Protocol
 
 import msgspec
 
+from semloc_core import wire
 from semloc_core.errors import BagError, GraphError, MessageError
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.graph.stream import Outcome, UpdateStream
+from semloc_core.graph import Outcome, SceneGraph, UpdateStream
 from semloc_core.sources.bag import (
     GROUND_TRUTH_TOPIC,
     POINT_STAMPED,
@@ -26,8 +26,7 @@ from semloc_core.sources.bag import (
     decode_point,
     decode_string,
 )
-from semloc_core.wire import codec as wire
-from semloc_core.wire.messages import Position, SceneGraphUpdate
+from semloc_core.wire import Position, SceneGraphUpdate
 
 _LOG = logging.getLogger(__name__)
 _WAITING = 32

@@ -7,14 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import SceneGraph
 from semloc_core.map_database import LoadedMap
-from semloc_core.matching.layout import Verified
-from semloc_core.matching.layout.confidence import SHARPNESS
-from semloc_core.matching.observation import surroundings
-from semloc_core.matching.posterior import RIVALS, Ranking
+from semloc_core.matching import RIVALS, SHARPNESS, Ranking, Verified, surroundings
 from semloc_core.tracking.place_filter import FilterConfig, MapModel, MapPart, PlaceFilter, joined_model, map_part
-from semloc_core.wire.codec import Odometry, Position
+from semloc_core.wire import Odometry, Position
 
 STANDS_STILL_M = 0.3
 """The robot has not moved before it is so far from where it last had: odometry's jitter is no way walked."""

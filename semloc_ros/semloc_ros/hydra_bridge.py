@@ -31,11 +31,9 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from semloc_core.errors import SemlocError
-from semloc_core.graph.delta import GraphDeltas
-from semloc_core.graph.labelspace import Labelspace, load_labelspace
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.sources.hydra import AgentPose, HydraFile, from_spark_dsg
-from semloc_core.wire.codec import SceneGraphUpdate
+from semloc_core.graph import GraphDeltas, Labelspace, SceneGraph, load_labelspace
+from semloc_core.sources import AgentPose, HydraFile, from_spark_dsg
+from semloc_core.wire import SceneGraphUpdate
 from semloc_ros import conversions, qos
 from semloc_ros.parameters import declare, read
 from semloc_ros.running import run

@@ -21,12 +21,11 @@ from semloc_core.cli.shared.screen import many
 from semloc_core.errors import MapError
 
 if TYPE_CHECKING:
-    from semloc_core.encoding.model import Model
-    from semloc_core.graph.labelspace import Labelspace
-    from semloc_core.graph.scene_graph import SceneGraph
-    from semloc_core.map_database.protocols import WritableMap
+    from semloc_core.encoding import Model
+    from semloc_core.graph import Labelspace, SceneGraph
+    from semloc_core.map_database import WritableMap
     from semloc_core.map_merge import Merged
-    from semloc_core.metrics.rows import Row
+    from semloc_core.metrics import Row
 
 Inputs = Annotated[list[Path], typer.Argument(metavar="GRAPH|RUN...", help="Buildings: graphs or recorded runs.")]
 Name = Annotated[
@@ -60,7 +59,7 @@ def read_known(path: Path, model: Model, allow_unknown: bool, names: Labelspace 
         names: what numbers in a file without class names mean, in place of what the model says.
 
     """
-    from semloc_core.graph.labelspace import all_numbers
+    from semloc_core.graph import all_numbers
 
     graph = read_graph_or_run(path, names or model.labelspace, of_map=names is None)
     numbers = all_numbers(thing.class_ for thing in graph.objects.values())
@@ -75,8 +74,8 @@ def put(database: WritableMap, model: Model, graph: SceneGraph, name: str, sourc
     """Put a whole building into a map; how many places it has."""
     import numpy as np
 
-    from semloc_core.graph.arrays import GraphArrays
-    from semloc_core.map_merge.store import embed_again, map_weights
+    from semloc_core.graph import GraphArrays
+    from semloc_core.map_merge import embed_again, map_weights
 
     arrays = GraphArrays.from_scene_graph(graph, model.labelspace, name)
     before = map_weights(database, model)
@@ -117,7 +116,7 @@ def _change(
     replace: bool,
     allow_unknown: bool,
 ) -> None:
-    from semloc_core.map_merge.edit import store_edited, with_places
+    from semloc_core.map_merge import store_edited, with_places
 
     done, said = "replaced" if replace else "added", []
     if places and len(inputs) != 1:
@@ -147,8 +146,7 @@ def remove(
     place: Places = None,
 ) -> None:
     """Remove buildings; with --place single places of one."""
-    from semloc_core.map_merge.edit import store_edited, without_places
-    from semloc_core.map_merge.store import embed_again, map_weights
+    from semloc_core.map_merge import embed_again, map_weights, store_edited, without_places
 
     if place and len(names) != 1:
         raise MapError(f"expected one building with --place (got {len(names)})")

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from semloc_core.cli.shared.common import join_synonyms, note, read_graph_or_run
 
 if TYPE_CHECKING:
-    from semloc_core.encoding.model import Model
-    from semloc_core.graph.labelspace import Labelspace
+    from semloc_core.encoding import Model
+    from semloc_core.graph import Labelspace
 
 
 def choose_model(
@@ -29,8 +29,8 @@ def choose_model(
         ModelError: no such model, or none named and no general one knows enough of the objects.
 
     """
-    from semloc_core.encoding.general import load_model, pick_general
-    from semloc_core.graph.labelspace import Labelspace, load_synonyms
+    from semloc_core.encoding import load_model, pick_general
+    from semloc_core.graph import Labelspace, load_synonyms
 
     if named is not None:
         model = load_model(named)

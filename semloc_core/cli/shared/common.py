@@ -19,10 +19,9 @@ from semloc_core.errors import ConfigError, FileFormatError
 from semloc_core.files import write_whole
 
 if TYPE_CHECKING:
-    from semloc_core.encoding.model import Model
-    from semloc_core.graph.labelspace import Labelspace
-    from semloc_core.graph.scene_graph import SceneGraph
-    from semloc_core.sources.hydra import HydraFile
+    from semloc_core.encoding import Model
+    from semloc_core.graph import Labelspace, SceneGraph
+    from semloc_core.sources import HydraFile
 
 
 def can_be_written(path: Path | None) -> Path | None:
@@ -69,14 +68,14 @@ def building_name(path: Path) -> str:
 
 def pick_labelspace(option: str | None) -> Labelspace | None:
     """The labelspace that ``--labelspace`` names; None: take the file's own."""
-    from semloc_core.graph.labelspace import load_labelspace
+    from semloc_core.graph import load_labelspace
 
     return load_labelspace(option) if option is not None else None
 
 
 def join_synonyms(model: Model, path: Path | None) -> None:
     """Let a model know another detector's names; what it answers for its own stays as it is."""
-    from semloc_core.graph.labelspace import load_synonyms
+    from semloc_core.graph import load_synonyms
 
     if path is not None:
         model.labelspace = model.labelspace.with_synonyms(load_synonyms(path))
@@ -84,7 +83,7 @@ def join_synonyms(model: Model, path: Path | None) -> None:
 
 def read_graph(path: Path, labelspace: Labelspace | None) -> HydraFile:
     """Read a GRAPH."""
-    from semloc_core.sources.hydra import read_hydra
+    from semloc_core.sources import read_hydra
 
     if not path.exists():
         raise FileFormatError(f"expected a scene-graph file (got {path}, which does not exist)")
@@ -101,7 +100,7 @@ def read_graph_or_run(path: Path, labelspace: Labelspace, *, of_map: bool = Fals
 
     """
     if is_run(path):
-        from semloc_core.sources.run import graph_at_end
+        from semloc_core.sources import graph_at_end
 
         return graph_at_end(path)
     file = read_graph(path, labelspace)
@@ -145,7 +144,7 @@ def show(
     title: str,
 ) -> None:
     """Print rows as a table and, if asked, write the same rows as JSON."""
-    from semloc_core.metrics.table import print_table
+    from semloc_core.metrics import print_table
 
     print_table(rows, title=title, console=console)
     if json_file is not None:
@@ -154,6 +153,6 @@ def show(
 
 def write_json(path: Path, command: str, seed: int, inputs: Sequence[Path | str], rows: list[dict[str, Any]]) -> None:
     """Write rows as JSON, with what they come from; the whole file or nothing."""
-    from semloc_core.metrics.table import document
+    from semloc_core.metrics import document
 
     write_whole(path, document(command, seed, [str(p) for p in inputs], rows))

@@ -11,10 +11,9 @@ from semloc_core.cli.shared.screen import note
 from semloc_core.errors import MapError
 
 if TYPE_CHECKING:
-    from semloc_core.encoding.model import Model
-    from semloc_core.graph.labelspace import Labelspace
-    from semloc_core.graph.scene_graph import SceneGraph
-    from semloc_core.sources.hydra import HydraFile
+    from semloc_core.encoding import Model
+    from semloc_core.graph import Labelspace, SceneGraph
+    from semloc_core.sources import HydraFile
 
 AllowUnknown = Annotated[
     bool,
@@ -30,7 +29,7 @@ NAMED = 12
 
 def tell_numbers(path: Path, file: HydraFile, labelspace: Labelspace) -> None:
     """Numbers mean other classes in other files: a person sees at once whether a labelspace is the wrong one."""
-    from semloc_core.graph.labelspace import all_numbers
+    from semloc_core.graph import all_numbers
 
     numbers = [i for ids in file.labelspace.ids.values() for i in ids] if all_numbers(file.labelspace.classes) else []
     found = [(i, labelspace.name_of(i)) for i in sorted(numbers)]
@@ -52,7 +51,7 @@ def report_unknown_classes(unknown: dict[str, int], where: str, labelspace: bool
         labelspace: whether ``--labelspace`` could still name classes that are numbers.
 
     """
-    from semloc_core.graph.labelspace import all_numbers
+    from semloc_core.graph import all_numbers
 
     if unknown:
         listed = ", ".join(f"{name} ({count})" for name, count in sorted(unknown.items()))
@@ -77,8 +76,8 @@ def check_classes(graph: SceneGraph, model: Model, where: str, *, allow_unknown:
         MapError: the model knows less than `LEAST_KNOWN` of the objects, and that is not allowed.
 
     """
-    from semloc_core.encoding.general import LEAST_KNOWN
-    from semloc_core.graph.labelspace import count_unknown, listed
+    from semloc_core.encoding import LEAST_KNOWN
+    from semloc_core.graph import count_unknown, listed
 
     unknown = count_unknown(graph, model.labelspace)
     known, total = len(graph.objects) - sum(unknown.values()), len(graph.objects)

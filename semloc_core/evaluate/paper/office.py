@@ -5,8 +5,8 @@ places of the same split in the other; a map place within 4 m of the query is a 
 the validation split. Bag of words is judged on the very same variants and splits.
 
 The paper words Recall@N as "the probability that a correct match appears among the top N" (success@N here), but
-its figures can only be positives found ÷ all positives (see `semloc_core.metrics`): ``recall@N`` is that, ``recall_ceiling@N``
-the most it could be.
+its figures can only be positives found ÷ all positives (see `semloc_core.metrics`): ``recall@N`` is that,
+``recall_ceiling@N`` the most it could be.
 """
 
 from __future__ import annotations
@@ -17,16 +17,22 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from semloc_core.encoding.encoder import build_encoder
-from semloc_core.encoding.model import Model, embed_graph
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.metrics import precision_recall as metrics
-from semloc_core.metrics.rows import Progress, Row, no_progress
-from semloc_core.training.config import PerturbConfig, TrainConfig
-from semloc_core.training.loop import Report, train
-from semloc_core.training.split import PARTS, Part, Split, positive_pairs, split_places
-from semloc_core.training.views.perturb import perturb
+from semloc_core import metrics
+from semloc_core.encoding import Model, build_encoder, embed_graph
+from semloc_core.graph import GraphArrays, Labelspace
+from semloc_core.metrics import Progress, Row, no_progress
+from semloc_core.training import (
+    PARTS,
+    Part,
+    PerturbConfig,
+    Report,
+    Split,
+    TrainConfig,
+    perturb,
+    positive_pairs,
+    split_places,
+    train,
+)
 
 LossName = Literal["contrastive", "triplet", "infonce"]
 

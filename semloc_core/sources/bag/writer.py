@@ -18,7 +18,7 @@ from mcap.writer import CompressionType, Writer
 from semloc_core.errors import BagError
 from semloc_core.sources.bag.cdr import POINT_STAMPED, STRING, encode_point, encode_string
 from semloc_core.sources.bag.reader import BagMessage
-from semloc_core.wire.codec import Position
+from semloc_core.wire import Position
 
 _LOG = logging.getLogger(__name__)
 

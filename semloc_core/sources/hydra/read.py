@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from semloc_core.errors import FileFormatError, LabelspaceError
-from semloc_core.graph.labelspace import Labelspace, labelspace_from_hydra
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import Labelspace, SceneGraph, labelspace_from_hydra
 from semloc_core.sources.hydra.format import (
     AGENT_TYPE,
     OBJECT_TYPES,
@@ -26,7 +25,7 @@ from semloc_core.sources.hydra.format import (
     read_document,
 )
 from semloc_core.sources.hydra.write import Room
-from semloc_core.wire.codec import Object, Place, Position, SceneGraphUpdate
+from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
 
 FRAME_ID = "map"  # Hydra's; the files do not name theirs
 FARTHEST_M = 1e9
