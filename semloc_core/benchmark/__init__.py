@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     from semloc_core.benchmark.train import bench_train
     from semloc_core.benchmark.update import bench_update
     from semloc_core.benchmark.verified import bench_verified
+else:
+    __getattr__ = exports(__name__)
 
-__getattr__ = exports(__name__)
 __all__ = [
     "BenchCase", "FleetServer", "ROBOTS", "SIZES", "bench_explain", "bench_fleet", "bench_growth", "bench_search",
     "bench_start", "bench_train", "bench_update", "bench_verified", "make_bench_case", "one_thread",

@@ -15,6 +15,8 @@ from semloc_core.cli.evaluate import commands as evaluate
 from semloc_core.cli.maps import commands as maps
 from semloc_core.errors import SemlocError
 
+__all__ = ["app", "main"]
+
 HELP = """Tells a robot where it is, and why it thinks so, from the semantics of a 3D scene graph.
 
 A GRAPH is a Hydra scene-graph file (JSON, or .sparkdsg with spark_dsg installed).

@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     from semloc_core.encoding.place_graph.reach import reach_all_batch, take_stars
     from semloc_core.encoding.surroundings import Surroundings
     from semloc_core.encoding.variants.perturbed import NODES_AT_ONCE, PerturbedEncoder, normal
+else:
+    __getattr__ = exports(__name__)
 
-__getattr__ = exports(__name__)
 __all__ = [
     "BagOfWordsEncoder", "Bands", "Batch", "Encoded", "Encoder", "Extraction", "FEW", "HistogramEncoder",
     "LEAST_KNOWN", "Model", "NODES_AT_ONCE", "Pairs", "PaperConfig", "PaperEncoder", "PerturbedEncoder",

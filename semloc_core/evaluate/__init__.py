@@ -1,4 +1,4 @@
-"""."""
+"""How good it is: the paper's protocol, whole buildings, walks, when to trust an answer, what merging is good for."""
 
 from typing import TYPE_CHECKING
 
@@ -25,8 +25,9 @@ if TYPE_CHECKING:
         threshold_rows,
         worst,
     )
+else:
+    __getattr__ = exports(__name__)
 
-__getattr__ = exports(__name__)
 __all__ = [
     "Aliasing", "Case", "LifeConfig", "MODELS", "SEEDS", "Study", "condition_rows", "draw_buildings",
     "evaluate_ablation", "evaluate_candidates", "evaluate_layout", "evaluate_merge", "evaluate_office",

@@ -19,8 +19,9 @@ if TYPE_CHECKING:
     from semloc_core.explain.pair import answer_query, asked_methods, check_asked, explain_pair, find_row
     from semloc_core.explain.scores import ObjectScores, class_scores, object_scores
     from semloc_core.explain.similarity import SimilarityQuery
+else:
+    __getattr__ = exports(__name__)
 
-__getattr__ = exports(__name__)
 __all__ = [
     "BASELINES", "BUDGET", "BUDGETS", "CONTROLS", "ClassShift", "EXPLAINERS", "EXPLAINER_SEED", "FidelityCurve",
     "LAYOUT", "ObjectScores", "Shift", "SimilarityQuery", "answer_query", "asked_methods", "check_asked",

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from semloc_core.fleet.writing.database import FleetDatabase
     from semloc_core.fleet.writing.info import describe_server_map
     from semloc_core.fleet.writing.transfer import pull, push
+else:
+    __getattr__ = exports(__name__)
 
-__getattr__ = exports(__name__)
 __all__ = [
     "FileSource", "FleetDatabase", "FleetLocaliser", "Holdings", "INDEX_KINDS", "Link", "LoadedSource",
     "MilvusAddress", "MilvusSource", "Nearest", "Server", "ShortlistConfig", "describe_server_map", "is_address",

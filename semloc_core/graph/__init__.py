@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     from semloc_core.graph.scene_graph import Change, SceneGraph
     from semloc_core.graph.stream import Outcome, UpdateStream
     from semloc_core.graph.visibility import Visibility, object_distances, visible_pairs
+else:
+    __getattr__ = exports(__name__)
 
-__getattr__ = exports(__name__)
 __all__ = [
     "Change", "Floats", "GraphArrays", "GraphDeltas", "Ints", "Labelspace", "Outcome", "SceneGraph", "UpdateStream",
     "Visibility", "all_numbers", "ball", "carried_sightings", "count_unknown", "labelspace_from_hydra", "listed",

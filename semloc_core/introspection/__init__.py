@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     from semloc_core.introspection.study import Introspection, introspect
     from semloc_core.introspection.views import Matrices, matrices, plan_parts, similarity_to_map, typical_query
     from semloc_core.introspection.whole_map import INVERTED
+else:
+    __getattr__ = exports(__name__)
 
-__getattr__ = exports(__name__)
 __all__ = [
     "ABLATION", "ALL_EXPLAINERS", "INVERTED", "Introspection", "MOVED_M", "Matrices", "Run", "correlation",
     "introspect", "matrices", "mean_rows", "most_faithful", "overall", "plan_parts", "ranking_rows",

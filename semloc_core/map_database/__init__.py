@@ -40,8 +40,9 @@ if TYPE_CHECKING:
     from semloc_core.map_database.stored.schema import MAX_BLOB_BYTES, read
     from semloc_core.map_database.stored.write import check_in_graph, stored_building
     from semloc_core.map_database.weights import class_name, class_weights, object_weights
+else:
+    __getattr__ = exports(__name__)
 
-__getattr__ = exports(__name__)
 __all__ = [
     "ClassChange", "ExactSearch", "FIRST_SEEN", "History", "InvertedSearch", "LoadedMap", "MAX_BLOB_BYTES",
     "MAX_BUILDINGS", "MAX_GRAPH_BYTES", "MAX_HISTORY_BYTES", "MapDatabase", "MapMeta", "Note", "ObjectBelief",

@@ -89,6 +89,35 @@ def write(database: WritableMap, model: Model, name: str, graph: SceneGraph, his
         embed_again(database, model, database.buildings if changed else [name])
 
 
+def put_building(
+    database: WritableMap, model: Model, graph: SceneGraph, name: str, *, source: str = "", replace: bool = False
+) -> int:
+    """Put a whole building into a map, its places embedded by the map's model.
+
+    Args:
+        database: the map, open for changes.
+        model: the map's own.
+        graph: the building; at least one place.
+        name: it is known by.
+        source: where it came from, such as a file name.
+        replace: the map has it already, and this is what it has become.
+
+    Returns:
+        How many places it has.
+
+    Raises:
+        MapError: the name is taken, or is not there to be replaced; the map is as it was.
+
+    """
+    arrays = GraphArrays.from_scene_graph(graph, model.labelspace, name)
+    before = map_weights(database, model)
+    write = database.replace_building if replace else database.add_building
+    nothing = np.zeros((arrays.n_places, model.encoder.dimension), dtype=np.float32)
+    write(name, graph, arrays.place_ids, arrays.place_positions, nothing, source=source)
+    embed_again(database, model, database.buildings if map_weights(database, model) != before else [name])
+    return arrays.n_places
+
+
 def embed_again(database: WritableMap, model: Model, names: Sequence[str]) -> None:
     """Embed buildings of a map with what their objects weigh by now: for whoever changes histories or adds any."""
     of_class = map_weights(database, model)

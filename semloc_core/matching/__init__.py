@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     from semloc_core.matching.posterior import CANDIDATES, IN_MAP, RIVALS, Ranking, modes, place_probabilities
     from semloc_core.matching.radius_index import RadiusIndex
     from semloc_core.matching.reranker import Reranked, Reranker, layout_part, share_verifier, verifier_of
+else:
+    __getattr__ = exports(__name__)
 
-__getattr__ = exports(__name__)
 __all__ = [
     "CANDIDATES", "Calibration", "Evidence", "FEATURES", "Fragment", "IN_MAP", "LayoutConfig", "LayoutPart",
     "LayoutVerifier", "Localisation", "Located", "ObservationConfig", "ObservationModel", "Query", "REACH_M",

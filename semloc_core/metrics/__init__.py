@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     from semloc_core.metrics.rows import Progress, Row, no_progress
     from semloc_core.metrics.table import HIGH, LOW, STD, cell, columns, document, print_table
     from semloc_core.metrics.weighted_precision import WeightedPrecision
+else:
+    __getattr__ = exports(__name__)
 
-__getattr__ = exports(__name__)
 __all__ = [
     "BINS", "HIGH", "LOW", "Pivot", "Progress", "RANKS", "Row", "STD", "Statistic", "WeightedPrecision",
     "accepted_share", "bootstrap", "bootstrap_interval", "cell", "columns", "document", "expected_calibration_error",

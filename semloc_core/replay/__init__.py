@@ -14,8 +14,9 @@ if TYPE_CHECKING:
         score_results,
     )
     from semloc_core.replay.traversal_score import FROM_METRES, LatencyHistogram, TraversalScore, right_matches
+else:
+    __getattr__ = exports(__name__)
 
-__getattr__ = exports(__name__)
 __all__ = [
     "ATTRIBUTIONS_TOPIC", "Answer", "FROM_METRES", "LatencyHistogram", "MATCHES_TOPIC", "ReplaySummary",
     "TraversalScore", "replay", "right_matches", "score_results",

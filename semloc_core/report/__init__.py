@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     from semloc_core.report.replay.page import replay_page
     from semloc_core.report.replay.picture import answer_picture
     from semloc_core.report.trust_figures import failure_figure, reliability_figure, success_figure
+else:
+    __getattr__ = exports(__name__)
 
-__getattr__ = exports(__name__)
 __all__ = [
     "Plan", "answer_picture", "failure_figure", "growth_picture", "introspection_page", "joined", "keep", "kept",
     "read_results", "reliability_figure", "replay_page", "success_figure", "to_png",

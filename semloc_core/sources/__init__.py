@@ -16,20 +16,22 @@ if TYPE_CHECKING:
     )
     from semloc_core.sources.bag.reader import BagMessage, BagReader, read_messages
     from semloc_core.sources.bag.writer import BagWriter
+    from semloc_core.sources.graph import read_graph
     from semloc_core.sources.hydra.read import AgentPose, HydraFile, from_spark_dsg, read_hydra
     from semloc_core.sources.hydra.write import node_id, write_hydra
-    from semloc_core.sources.run import graph_at_end, read_run, write_run
+    from semloc_core.sources.run import graph_at_end, is_run, read_run, write_run
     from semloc_core.sources.simulate.traversal import SimulationConfig, Step, simulate_traversal
     from semloc_core.sources.simulate.walks import Bools, Walk, WalkConfig, walk
     from semloc_core.sources.world.furnishings import KINDS
     from semloc_core.sources.world.kinds import BuildingKind, draw_pair
     from semloc_core.sources.world.office import OfficeConfig, make_office, write_world
+else:
+    __getattr__ = exports(__name__)
 
-__getattr__ = exports(__name__)
 __all__ = [
     "AgentPose", "BagMessage", "BagReader", "BagWriter", "Bools", "BuildingKind", "GROUND_TRUTH_TOPIC", "HydraFile",
     "KINDS", "OfficeConfig", "POINT_STAMPED", "SCENE_GRAPH_TOPIC", "STRING", "SimulationConfig", "StampedPoint",
     "Step", "Walk", "WalkConfig", "decode_point", "decode_string", "draw_pair", "encode_string", "from_spark_dsg",
-    "graph_at_end", "make_office", "node_id", "read_hydra", "read_messages", "read_run", "simulate_traversal", "walk",
-    "write_hydra", "write_run", "write_world",
+    "graph_at_end", "is_run", "make_office", "node_id", "read_graph", "read_hydra", "read_messages", "read_run",
+    "simulate_traversal", "walk", "write_hydra", "write_run", "write_world",
 ]  # fmt: skip

@@ -33,6 +33,11 @@ _WAITING = 32
 """Updates, or true positions, that wait for their counterpart at most."""
 
 
+def is_run(path: str | Path) -> bool:
+    """Whether an input is a bag rather than a graph file, by its name."""
+    return Path(path).suffix == ".mcap" or Path(path).is_dir()
+
+
 class RecordedStep(Protocol):
     """What `write_run` takes: an update and where the robot truly was, metres."""
 

@@ -35,8 +35,9 @@ if TYPE_CHECKING:
         WithoutClass,
     )
     from semloc_core.wire.name_counter import NameCounter
+else:
+    __getattr__ = exports(__name__)
 
-__getattr__ = exports(__name__)
 __all__ = [
     "ClassAttribution", "ClassAttributions", "ClassContrast", "Count", "Counterfactual", "ExplainRequest",
     "Explanation", "Fidelity", "Fraction", "Int64", "MapInfo", "Match", "MethodAttributions", "ModelInfo", "Name",

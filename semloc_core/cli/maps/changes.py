@@ -23,7 +23,6 @@ from semloc_core.errors import MapError
 if TYPE_CHECKING:
     from semloc_core.encoding import Model
     from semloc_core.graph import Labelspace, SceneGraph
-    from semloc_core.map_database import WritableMap
     from semloc_core.map_merge import Merged
     from semloc_core.metrics import Row
 
@@ -70,22 +69,6 @@ def read_known(path: Path, model: Model, allow_unknown: bool, names: Labelspace 
     return graph
 
 
-def put(database: WritableMap, model: Model, graph: SceneGraph, name: str, source: str, replace: bool) -> int:
-    """Put a whole building into a map; how many places it has."""
-    import numpy as np
-
-    from semloc_core.graph import GraphArrays
-    from semloc_core.map_merge import embed_again, map_weights
-
-    arrays = GraphArrays.from_scene_graph(graph, model.labelspace, name)
-    before = map_weights(database, model)
-    write = database.replace_building if replace else database.add_building
-    nothing = np.zeros((arrays.n_places, model.encoder.dimension), dtype=np.float32)
-    write(name, graph, arrays.place_ids, arrays.place_positions, nothing, source=source)
-    embed_again(database, model, database.buildings if map_weights(database, model) != before else [name])
-    return arrays.n_places
-
-
 def add(
     map_place: MapPlace,
     inputs: Inputs,
@@ -116,7 +99,7 @@ def _change(
     replace: bool,
     allow_unknown: bool,
 ) -> None:
-    from semloc_core.map_merge import store_edited, with_places
+    from semloc_core.map_merge import put_building, store_edited, with_places
 
     done, said = "replaced" if replace else "added", []
     if places and len(inputs) != 1:
@@ -129,7 +112,7 @@ def _change(
                 store_edited(database, model, building, edited)
                 said.append(f"{building}: {len(set(places))} of its places {done}")
             else:
-                count = put(database, model, graph, building, path.name, replace)
+                count = put_building(database, model, graph, building, source=path.name, replace=replace)
                 said.append(f"{building}: {many(count, 'place')} {done}")
     _say_done(said)
 

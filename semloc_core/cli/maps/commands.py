@@ -9,7 +9,7 @@ import typer
 from semloc_core.cli.maps import changes as map_changes
 from semloc_core.cli.maps import info as map_info
 from semloc_core.cli.maps import server as map_server
-from semloc_core.cli.maps.changes import Inputs, Name, names_of, put, read_known
+from semloc_core.cli.maps.changes import Inputs, Name, names_of, read_known
 from semloc_core.cli.shared.choose_model import choose_model
 from semloc_core.cli.shared.common import LabelspaceOption, SynonymsOption, console, pick_labelspace, progress
 from semloc_core.cli.shared.foreign_classes import AllowUnknown
@@ -43,6 +43,8 @@ def build(
     index: Index = None,
 ) -> None:
     """Build a map database: every place of every building, embedded; the file carries the model too."""
+    from semloc_core.map_merge import put_building
+
     if not force:
         refuse_existing(output)
     names, places = names_of(inputs, name), 0
@@ -52,7 +54,7 @@ def build(
         for i, (path, building) in enumerate(zip(inputs, names, strict=True)):
             bar(i, len(inputs), building)
             graph = read_known(path, loaded, allow_unknown, space)
-            places += put(database, loaded, graph, building, path.name, replace=False)
+            places += put_building(database, loaded, graph, building, source=path.name)
     console.print(f"{output}: {many(places, 'place')} in {many(len(inputs), 'building')}")
 
 

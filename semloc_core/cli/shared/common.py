@@ -56,11 +56,6 @@ SynonymsOption = Annotated[
 ]
 
 
-def is_run(path: Path) -> bool:
-    """Whether an input is a bag rather than a graph file."""
-    return path.suffix == ".mcap" or path.is_dir()
-
-
 def building_name(path: Path) -> str:
     """Name of the building a file holds: its stem, or its folder's name where the stem says only its role."""
     return path.resolve().parent.name if path.stem in ("map", "query", "graph", "dsg") else path.stem
@@ -99,9 +94,9 @@ def read_graph_or_run(path: Path, labelspace: Labelspace, *, of_map: bool = Fals
         of_map: it is a map's or a model's, not one named for this file: numbers that it gives names to are told.
 
     """
-    if is_run(path):
-        from semloc_core.sources import graph_at_end
+    from semloc_core.sources import graph_at_end, is_run
 
+    if is_run(path):
         return graph_at_end(path)
     file = read_graph(path, labelspace)
     if of_map:
