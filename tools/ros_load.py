@@ -34,15 +34,15 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 
-from semloc_core import wire
-from semloc_core.run import read_run
+from semloc_core.sources.run import read_run
+from semloc_core.wire import codec as wire
 from semloc_ros import qos
 
 CORE = """
 import json, sys, time
 import torch
 torch.set_num_threads(1)
-from semloc_core import wire
+from semloc_core.wire import codec as wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import load

@@ -28,8 +28,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 
-from semloc_core.run import read_run
-from semloc_core.whole_file import write_whole
+from semloc_core.files import write_whole
+from semloc_core.sources.run import read_run
 from semloc_ros import qos
 
 FLOOR = "import torch, numpy, rclpy; rclpy.init(); rclpy.create_node('floor'); print('up', flush=True); input()"

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.evaluate import metrics
-from semloc_core.evaluate.calibration import BINS
-from semloc_core.evaluate.rows import Row
 from semloc_core.evaluate.trust import Judged, Study, strangers
-from semloc_core.graph_arrays import Floats
+from semloc_core.graph.arrays import Floats
+from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics.calibration import BINS
+from semloc_core.metrics.rows import Row
 
 STATUSES = ("match", "ambiguous", "unknown")
 THRESHOLDS = (0.5, 0.8, 0.9)

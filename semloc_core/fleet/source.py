@@ -13,10 +13,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core.encoding.model import Model
 from semloc_core.map_database.history import ClassChange
 from semloc_core.map_database.loaded import StoredBuilding
-from semloc_core.map_database.records import PlaceRows
-from semloc_core.model import Model
+from semloc_core.map_database.stored.records import PlaceRows
 
 
 @dataclass(frozen=True)
