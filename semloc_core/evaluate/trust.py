@@ -26,7 +26,7 @@ from semloc_core.graph.labelspace import union
 from semloc_core.matching.layout import Fragment, LayoutVerifier, Verified
 from semloc_core.matching.layout.confidence import confidence
 from semloc_core.matching.posterior import IN_MAP
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.metrics.rows import Progress, Row, no_progress
 from semloc_core.sources.simulate.walks import WalkConfig
 

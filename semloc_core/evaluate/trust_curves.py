@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from semloc_core.evaluate.trust import Judged, Study, strangers
 from semloc_core.graph.arrays import Floats
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.metrics.calibration import BINS
 from semloc_core.metrics.rows import Row
 
