@@ -34,8 +34,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 
-from semloc_core.sources.run import read_run
-from semloc_core.wire import codec as wire
+from semloc_core import wire
+from semloc_core.sources import read_run
 from semloc_ros import qos
 
 CORE = """

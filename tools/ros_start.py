@@ -29,7 +29,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 
 from semloc_core.files import write_whole
-from semloc_core.sources.run import read_run
+from semloc_core.sources import read_run
 from semloc_ros import qos
 
 FLOOR = "import torch, numpy, rclpy; rclpy.init(); rclpy.create_node('floor'); print('up', flush=True); input()"

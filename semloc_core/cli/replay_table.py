@@ -7,8 +7,7 @@ from rich.table import Table
 
 from semloc_core.cli.shared.screen import many, print_whole
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.replay.recorded import ReplaySummary
-from semloc_core.replay.traversal_score import FROM_METRES
+from semloc_core.replay import FROM_METRES, ReplaySummary
 
 MEASURES = {
     "queries": "answers",

@@ -17,8 +17,7 @@ from semloc_core.encoding.encoder import Encoder, build_encoder
 from semloc_core.encoding.place_graph import Batch
 from semloc_core.errors import ConfigError, LabelspaceError, ModelError
 from semloc_core.files import write_whole
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph import GraphArrays, Labelspace
 
 ROOTS_AT_ONCE = 1024  # places a batch, where each place brings copies of the objects in its reach
 

@@ -17,10 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoding.encoder import BagOfWordsEncoder, Encoder, HistogramEncoder, PaperEncoder, TfidfEncoder
-from semloc_core.encoding.place_graph import Batch, extract_all
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.metrics.rows import Row
+from semloc_core.encoding import (
+    BagOfWordsEncoder,
+    Batch,
+    Encoder,
+    HistogramEncoder,
+    PaperEncoder,
+    TfidfEncoder,
+    extract_all,
+)
+from semloc_core.graph import GraphArrays
+from semloc_core.metrics import Row
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]

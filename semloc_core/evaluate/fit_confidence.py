@@ -20,14 +20,10 @@ from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import GraphError
 from semloc_core.evaluate.verified_answers import fragments_along, layout_verifier
 from semloc_core.files import write_whole
-from semloc_core.graph.arrays import Floats, GraphArrays
-from semloc_core.graph.labelspace import Labelspace, load_labelspace
-from semloc_core.matching.layout import LayoutVerifier
-from semloc_core.matching.layout.confidence import FEATURES, Calibration, features
-from semloc_core.sources.simulate.walks import WalkConfig, walk
-from semloc_core.sources.world import KINDS, BuildingKind, draw_pair
-from semloc_core.training.config import PerturbConfig
-from semloc_core.training.views.perturb import perturb
+from semloc_core.graph import Floats, GraphArrays, Labelspace, load_labelspace
+from semloc_core.matching import FEATURES, Calibration, LayoutVerifier, features
+from semloc_core.sources import KINDS, BuildingKind, WalkConfig, draw_pair, walk
+from semloc_core.training import PerturbConfig, perturb
 
 BUILDINGS = 24
 """Buildings of each kind."""

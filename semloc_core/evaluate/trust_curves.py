@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core import metrics
 from semloc_core.evaluate.trust import Judged, Study, strangers
-from semloc_core.graph.arrays import Floats
-from semloc_core.metrics import precision_recall as metrics
-from semloc_core.metrics.calibration import BINS
-from semloc_core.metrics.rows import Row
+from semloc_core.graph import Floats
+from semloc_core.metrics import BINS, Row
 
 STATUSES = ("match", "ambiguous", "unknown")
 THRESHOLDS = (0.5, 0.8, 0.9)

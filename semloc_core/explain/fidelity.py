@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from semloc_core.errors import ConfigError
 from semloc_core.explain.scores import ObjectScores
 from semloc_core.explain.similarity import SimilarityQuery
-from semloc_core.wire.messages import Fidelity
+from semloc_core.wire import Fidelity
 
 Floats = NDArray[np.float64]
 

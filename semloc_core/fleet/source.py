@@ -13,10 +13,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.encoding.model import Model
-from semloc_core.map_database.history import ClassChange
-from semloc_core.map_database.loaded import StoredBuilding
-from semloc_core.map_database.stored.records import PlaceRows
+from semloc_core.encoding import Model
+from semloc_core.map_database import ClassChange, PlaceRows, StoredBuilding
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from semloc_core.graph.scene_graph import SceneGraph
-    from semloc_core.wire.messages import Object, SceneGraphUpdate
+    from semloc_core.wire import Object, SceneGraphUpdate
 
 NAMED = 12
 """Labels named at most in a line."""

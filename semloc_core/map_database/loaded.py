@@ -14,12 +14,9 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
-from semloc_core.encoding.encoder.query import QueryEncoder
-from semloc_core.encoding.model import Model
-from semloc_core.encoding.place_graph import Batch
+from semloc_core.encoding import Batch, Model, QueryEncoder
 from semloc_core.errors import MapError
-from semloc_core.graph.classes import read_graph
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import SceneGraph, read_graph
 from semloc_core.map_database.building_patterns import matching_buildings
 from semloc_core.map_database.history import ClassChange, History, unpack_history
 from semloc_core.map_database.search.exact import ExactSearch

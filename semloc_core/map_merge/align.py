@@ -21,7 +21,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
 from semloc_core.errors import MapError
-from semloc_core.graph.arrays import Floats, Ints
+from semloc_core.graph import Floats, Ints
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.transform import Transform, fit_transform
 

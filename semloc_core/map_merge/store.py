@@ -6,13 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from semloc_core.encoding.model import Model, embed_graph
+from semloc_core.encoding import Model, embed_graph
 from semloc_core.errors import MapError
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.map_database.history import ClassChange, History
-from semloc_core.map_database.protocols import ReadableMap, WritableMap
-from semloc_core.map_database.weights import class_weights, object_weights
+from semloc_core.graph import GraphArrays, SceneGraph
+from semloc_core.map_database import ClassChange, History, ReadableMap, WritableMap, class_weights, object_weights
 from semloc_core.map_merge.align import Alignment
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.merging import Merged, lay, merge

@@ -22,8 +22,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import Labelspace, SceneGraph
 
 Floats = NDArray[np.float32]
 Metres = NDArray[np.float64]

@@ -9,10 +9,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.map_database import LoadedMap
-from semloc_core.map_database.weights import object_weights
+from semloc_core.graph import GraphArrays, SceneGraph
+from semloc_core.map_database import LoadedMap, object_weights
 from semloc_core.matching.layout import LayoutPart, LayoutVerifier, Verified, fragment_of_graph
 from semloc_core.matching.layout.confidence import confidence
 from semloc_core.matching.layout.evidence import Evidence, evidence

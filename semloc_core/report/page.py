@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 
-from semloc_core.metrics.rows import Row
-from semloc_core.metrics.table import cell, columns
+from semloc_core.metrics import Row, cell, columns
 
 
 @dataclass(frozen=True)

@@ -15,17 +15,16 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.matching.observation import (
+from semloc_core.graph import Labelspace, SceneGraph
+from semloc_core.matching import (
     REACH_M,
     ObservationConfig,
     ObservationModel,
+    RadiusIndex,
     Surroundings,
     slot_distances,
     surroundings,
 )
-from semloc_core.matching.radius_index import RadiusIndex
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int64]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.errors import TrainingError
-from semloc_core.graph.arrays import Floats, GraphArrays
+from semloc_core.graph import Floats, GraphArrays
 
 Bools = NDArray[np.bool_]
 Part = Literal["train", "validation", "test"]

@@ -11,14 +11,12 @@ import typer
 
 from semloc_core.cli.shared.screen import note
 from semloc_core.errors import MapError
-from semloc_core.fleet.milvus.address import is_address, parse_address
-from semloc_core.fleet.milvus.collections import INDEX_KINDS
+from semloc_core.fleet import INDEX_KINDS, is_address, parse_address
 
 if TYPE_CHECKING:
-    from semloc_core.encoding.model import Model
-    from semloc_core.fleet.milvus.address import MilvusAddress
-    from semloc_core.fleet.writing.database import FleetDatabase
-    from semloc_core.map_database.protocols import ReadableMap, WritableMap
+    from semloc_core.encoding import Model
+    from semloc_core.fleet import FleetDatabase, MilvusAddress
+    from semloc_core.map_database import ReadableMap, WritableMap
 
 MapPlace = Annotated[
     str, typer.Argument(metavar="MAP", help="The map: a file, or milvus+http://host:port/name on a server.")
@@ -57,7 +55,7 @@ def address_of(place: str) -> MilvusAddress:
 
 def server_map(place: str) -> FleetDatabase:
     """A map on a server, opened."""
-    from semloc_core.fleet.writing.database import FleetDatabase
+    from semloc_core.fleet import FleetDatabase
 
     return FleetDatabase.open(address_of(place))
 
@@ -96,7 +94,7 @@ def refuse_existing(place: str) -> None:
         if Path(place).exists():
             raise MapError(f"expected a new file, or --force to replace one (got {place}, which exists)")
         return
-    from semloc_core.fleet.milvus.creating import map_exists
+    from semloc_core.fleet import map_exists
 
     if map_exists(parse_address(place)):
         with server_map(place) as database:
@@ -140,8 +138,7 @@ def tell_no_effect(index: str | None, address: MilvusAddress) -> None:
 @contextmanager
 def _fresh_on_server(address: MilvusAddress, model: Model, index: str | None) -> Iterator[FleetDatabase]:
     """A new map, or in place of one that is there."""
-    from semloc_core.fleet.milvus.creating import map_exists
-    from semloc_core.fleet.writing.database import FleetDatabase
+    from semloc_core.fleet import FleetDatabase, map_exists
 
     if map_exists(address):
         tell_no_effect(index, address)

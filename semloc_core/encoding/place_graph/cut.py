@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from semloc_core.encoding.place_graph import Batch, extract_all, reach_all_batch
 from semloc_core.encoding.place_graph.extraction import Extraction
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.geodesic import ranges
+from semloc_core.graph import GraphArrays, ranges
 
 Ints = NDArray[np.int64]
 

@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from semloc_core.graph.arrays import Floats, Ints
+from semloc_core.graph import Floats, Ints
 
 _FAINT = 1e-9
 _CHANGE = 1e-8

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from semloc_core.fleet.writing.database import FleetDatabase
-from semloc_core.graph.classes import read_graph
-from semloc_core.map_database.info import describe_building, describe_meta
+from semloc_core.graph import read_graph
+from semloc_core.map_database import describe_building, describe_meta
 
 
 def describe_server_map(database: FleetDatabase) -> dict[str, Any]:

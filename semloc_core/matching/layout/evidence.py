@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semloc_core.graph.arrays import Floats, Ints
+from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
 from semloc_core.matching.layout.pose.expected_objects import expected_each

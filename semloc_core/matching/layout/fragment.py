@@ -8,9 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph.arrays import Floats, GraphArrays, Ints
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, SceneGraph
 from semloc_core.matching.layout.config import LayoutConfig
 
 CELL_M = 0.8

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph.arrays import Floats, Ints
+from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.building.objects_by_place import sums
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.observation import ObservationConfig

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph.arrays import Floats, GraphArrays, Ints
+from semloc_core.graph import Floats, GraphArrays, Ints
 from semloc_core.matching.layout.building.layout import APART_M, LayoutPart
 from semloc_core.matching.layout.config import LayoutConfig
 from semloc_core.matching.layout.fragment import Fragment

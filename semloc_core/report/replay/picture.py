@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from semloc_core.errors import BagError
-from semloc_core.map_database.loaded import LoadedMap
+from semloc_core.map_database import LoadedMap
 from semloc_core.report.colours import INK, OTHER, OTHER_STYLE, RIGHT, WRONG, ClassLooks
 from semloc_core.report.drawing import figure, shown, to_png
 from semloc_core.report.floor_plan import Floats, Plan, draw_building

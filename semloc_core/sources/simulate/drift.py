@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semloc_core.graph.arrays import Floats
+from semloc_core.graph import Floats
 
 TURN_RAD = math.radians(0.5)
 """Standard deviation of the turn after a metre walked; independent errors add up as variances."""

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from semloc_core.errors import ConfigError, GraphError
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.wire.codec import Position
+from semloc_core.graph import SceneGraph
+from semloc_core.wire import Position
 
 Neighbours = Mapping[str, Mapping[str, float]]
 

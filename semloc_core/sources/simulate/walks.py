@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from semloc_core.errors import GraphError
-from semloc_core.graph.arrays import Floats, GraphArrays, Ints
+from semloc_core.graph import Floats, GraphArrays, Ints
 from semloc_core.sources.simulate.drift import Frame
 
 Bools = NDArray[np.bool_]
@@ -227,7 +227,7 @@ def _way(
 
 def _perceived(graph: GraphArrays, config: WalkConfig, rng: np.random.Generator) -> GraphArrays:
     """The building with noise; an object that is moved goes to the place that is then nearest."""
-    from semloc_core.graph.resample import nearest_parents
+    from semloc_core.graph import nearest_parents
 
     place_noise, object_noise = rng.spawn(2)
     if config.place_noise_m > 0:

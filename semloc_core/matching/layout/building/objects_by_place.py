@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph.arrays import Floats, Ints
-from semloc_core.graph.geodesic import ranges
+from semloc_core.graph import Floats, Ints, ranges
 from semloc_core.matching.layout.config import LayoutConfig
 
 Floats32 = NDArray[np.float32]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph.arrays import Floats, Ints
+from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.map_layout import MappedLayout
 
 Complex = NDArray[np.complex128]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.graph.arrays import Floats, Ints
+from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.confidence import SHARPNESS
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
