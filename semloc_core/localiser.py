@@ -7,6 +7,7 @@ every query and explain only some: `apply` takes an update in, `locate` answers 
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,14 +15,15 @@ from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
 from semloc_core.encoding import Surroundings
-from semloc_core.explain import EXPLAINER_SEED, LAYOUT, explain_answer
-from semloc_core.graph import Outcome, UpdateStream, Visibility
+from semloc_core.explain import EXPLAINER_SEED, LAYOUT, answer_evidence, explain_answer
+from semloc_core.graph import Ages, Labels, Outcome, UpdateStream, Visibility, all_unknown, lacks
 from semloc_core.map_database import LoadedMap
 from semloc_core.matching import (
     CANDIDATES,
     IN_MAP,
     Localisation,
     Located,
+    Placed,
     Query,
     RadiusIndex,
     Ranking,
@@ -31,6 +33,8 @@ from semloc_core.matching import (
     matches_of,
     modes,
     place_probabilities,
+    pose_in,
+    transform_of,
     verifier_of,
 )
 from semloc_core.tracking import MapModel, Tracker
@@ -40,11 +44,14 @@ from semloc_core.wire import (
     Match,
     ModelInfo,
     NameCounter,
+    Object,
     Odometry,
     PlaceMatches,
     SceneGraphUpdate,
     Status,
+    Transform,
     decode_update,
+    yaw_of,
 )
 
 __all__ = ["EXPLAINER_SEED", "Localisation", "Localiser", "Located", "Query"]
@@ -59,7 +66,8 @@ class Localiser:
         config: options.
 
     Attributes:
-        unknown_classes: names of object classes that the labelspace lacks -> objects seen of them.
+        labels: reads the updates' labels, where a person said something of them; None leaves them to the map.
+        unknown_classes: names of object classes that the labelspace lacks -> different objects seen of them.
         map_info: what is published of the map; None while a server's map is not known yet.
 
     """
@@ -70,11 +78,14 @@ class Localiser:
 
     def __post_init__(self) -> None:
         self.stream = UpdateStream()
+        self.labels: Labels | None = None
         self._seq, self._stamp_ns = 0, 0
         self._explained_ns: int | None = None
         self._surroundings: Surroundings | None = None
         self._answered: Located | None = None
         self._odometry: Odometry | None = None
+        self._frame_id = ""
+        self._ages = Ages()
         self._serve(self.map)
 
     def _serve(self, loaded: LoadedMap, filter_model: MapModel | None = None) -> None:
@@ -130,7 +141,7 @@ class Localiser:
             return Localisation(outcome)
         located = self.locate()
         attributions = self.explain(located) if self.due(located) else None
-        return Localisation(outcome, located, attributions)
+        return Localisation(outcome, located, attributions, self.evidence(located))
 
     def take_over(self, other: Localiser) -> None:
         """Go on with another localiser's stream, under this one's map and options: no update is missed.
@@ -138,7 +149,8 @@ class Localiser:
         The other must not be used any more.
         """
         self.stream, self._seq, self._stamp_ns = other.stream, other._seq, other._stamp_ns
-        self._explained_ns, self._odometry = other._explained_ns, other._odometry
+        self._explained_ns, self._odometry, self.labels = other._explained_ns, other._odometry, other.labels
+        self._frame_id, self._ages = other._frame_id, other._ages
         if self._tracker is not None and other._tracker is not None and other.map.hash == self.map.hash:
             self._tracker = other._tracker
         self._look_again(other._visibility)
@@ -153,9 +165,13 @@ class Localiser:
         extraction = model.encoder.extraction
         kept = visibility if visibility is not None and visibility.radius_m == extraction.visibility_m else None
         self._surroundings = Surroundings(graph, model.labelspace, extraction, kept)
-        for item in graph.objects.values():
-            if self.map.model.labelspace.index(item.class_) < 0:
-                self.unknown_classes.see(item.class_)
+        self._count_unknown(graph.objects.values())
+
+    def _count_unknown(self, objects: Iterable[Object]) -> None:
+        space = self.map.model.labelspace
+        for item in objects:
+            if lacks(space, item.class_):
+                self.unknown_classes.see(item.class_, item.id)
 
     # -- 1. the update into the graph -----------------------------------------------------------------------
 
@@ -168,13 +184,17 @@ class Localiser:
         """Take an update into the graph, all or nothing (errors as of `update`)."""
         if not isinstance(update, SceneGraphUpdate):
             update = decode_update(update, self.config.max_update_bytes)
+        if self.labels is not None:
+            update = self.labels.update(update)
         outcome, change = self.stream.apply(update)
         if outcome is Outcome.REPEATED:
             return outcome
         self._answered = None
         self._seq, self._stamp_ns = update.seq, update.stamp_ns
-        self._odometry = update.odometry
+        self._odometry, self._frame_id = update.odometry, update.frame_id
         graph = self.stream.graph
+        if graph is not None and change is not None:
+            self._ages.update(graph, change, update.odometry)
         if graph is None:
             self._surroundings = None
         elif self._surroundings is None or self._surroundings.graph is not graph:
@@ -182,9 +202,8 @@ class Localiser:
             self._surroundings = Surroundings(graph, model.labelspace, model.encoder.extraction)
         elif change is not None:
             self._surroundings.update(change)
-        for item in update.objects:
-            if outcome is Outcome.APPLIED and self.map.model.labelspace.index(item.class_) < 0:
-                self.unknown_classes.see(item.class_)
+        if outcome is Outcome.APPLIED:
+            self._count_unknown(update.objects)
         return outcome
 
     # -- 2. the query place, embedded and looked up ---------------------------------------------------------
@@ -238,13 +257,17 @@ class Localiser:
             ranking = raw if self._reranker is None else raw.doubted()
         best = int(ranking.rows[0])
         accepted = ranking.probability[best] >= self.config.accept_probability
+        rivals = ranking.rivals()[: 0 if accepted else self.config.top_n]
+        places = self._placed(tested, np.concatenate([ranking.rows, rivals]), believed is not None)
+        poses = {row: pose_in(place, *self._stands(query)) for row, place in places.items()}
         message = self._message(
             query,
             "match" if accepted else "ambiguous" if ranking.in_map >= IN_MAP else "unknown",
-            matches=matches_of(self.map, ranking.rows, ranking, everywhere),
-            rivals=[] if accepted else matches_of(self.map, ranking.rivals()[: self.config.top_n], ranking, everywhere),
+            matches=matches_of(self.map, ranking.rows, ranking, everywhere, poses),
+            rivals=matches_of(self.map, rivals, ranking, everywhere, poses),
             raw_matches=matches_of(self.map, raw.rows, raw, everywhere) if ranking is not raw else None,
             calibrated=calibrated,
+            transform=transform_of(places[best]) if best in places else None,
         )
         evidence = self._reranker.evidence(tested, best) if self._reranker is not None and tested is not None else None
         return Located(query, message, self.map, best, evidence)
@@ -263,7 +286,23 @@ class Localiser:
         graph = self.stream.graph
         if self._reranker is None or graph is None or query.place is None:
             return None
-        return self._reranker.rank(graph, query.place, everywhere, raw.rows, self.config.top_n)
+        return self._reranker.rank(graph, query.place, everywhere, raw.rows, self.config.top_n, self._ages)
+
+    def _placed(self, tested: Reranked | None, rows: NDArray[np.int64], filtered: bool) -> Mapping[int, Placed]:
+        """Where the frame of the updates lies in the buildings of rows of the map, as far as these were tested."""
+        if self._reranker is None or tested is None:
+            return {}
+        return self._reranker.placed(tested, rows.tolist(), near=filtered)
+
+    def _stands(self, query: Query) -> tuple[NDArray[np.float64], float | None]:
+        """(3,) where the robot is in the frame of the updates, metres, and its heading there where that is known."""
+        odometry, graph = self._odometry, self.stream.graph
+        assert graph is not None
+        assert query.place is not None
+        asked = query.place == graph.query_place
+        if odometry is None or odometry.frame_id != self._frame_id or not asked:
+            return np.array(graph.places[query.place]), None
+        return np.array(odometry.position), yaw_of(odometry.orientation_xyzw)
 
     def _track(self, query: Query, everywhere: NDArray[np.float32], tested: Reranked | None = None) -> Ranking | None:
         """What the filter makes of it, if there is one: also of a place with nothing around it."""
@@ -294,12 +333,14 @@ class Localiser:
             return query.because("the query place is isolated")
         batch = self.map.weigh(self._surroundings.batch(place))
         if not bool(batch.is_object.any()):
-            return query.because("no object in reach of the query place")
+            why = all_unknown((item.class_ for item in graph.objects.values()), self.map.model.labelspace)
+            return query.because(why or "no object in reach of the query place")
         encoded = self.map.queries.encode(batch)
         if not bool(encoded.embedding.any()):
             return query.because("the encoder has nothing to say of this place")
+        name = self.map.model.labelspace.canonical
         names = tuple(
-            graph.objects[node].class_ if is_object else ""
+            name(graph.objects[node].class_) if is_object else ""
             for node, is_object in zip(batch.node_ids, batch.is_object.tolist(), strict=True)
         )
         return Query(query.stamp_ns, query.seq, place, batch, encoded, names)
@@ -319,6 +360,10 @@ class Localiser:
             return False
         self._explained_ns = now
         return True
+
+    def evidence(self, located: Located) -> ClassAttributions | None:
+        """Say what the decision rests on, exactly; None where nothing was put to the test."""
+        return answer_evidence(located, self.config)
 
     def explain(self, located: Located) -> ClassAttributions:
         """Say which classes and objects carried an answer, and how well that holds when put to the test.
@@ -341,6 +386,7 @@ class Localiser:
         rivals: list[Match] | None = None,
         raw_matches: list[Match] | None = None,
         calibrated: bool = False,
+        transform: Transform | None = None,
     ) -> PlaceMatches:
         return PlaceMatches(
             schema="semloc/place_matches/1",
@@ -356,4 +402,5 @@ class Localiser:
             model=self._model_info,
             calibrated=calibrated,
             latency_ms=None,
+            transform=transform,
         )

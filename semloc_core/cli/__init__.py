@@ -1,113 +1,28 @@
-"""The command ``semloc``: parse, call, print. Whatever it does can be had from the library as well."""
+"""The command ``semloc``; its words are in `semloc_core.cli.commands`, which is imported once it can be stopped."""
 
 from __future__ import annotations
 
-import logging
-import os
 import sys
-from typing import Annotated, NoReturn
+from typing import Any
 
-import typer
+from semloc_core.cli.shared.ending import print_plainly, stops
 
-from semloc_core import __version__
-from semloc_core.cli import bags, bench, explain, introspect, replay, report, train, world
-from semloc_core.cli.evaluate import commands as evaluate
-from semloc_core.cli.maps import commands as maps
-from semloc_core.errors import SemlocError
-
-__all__ = ["app", "main"]
-
-HELP = """Tells a robot where it is, and why it thinks so, from the semantics of a 3D scene graph.
-
-A GRAPH is a Hydra scene-graph file (JSON, or .sparkdsg with spark_dsg installed).
-A RUN is a bag: a recording of scene-graph updates (rosbag2 folder or .mcap).
-
-From a building's graph to an explained answer:
-
-    semloc train office.json -o office.model
-    semloc map build office.json --model office.model -o office.map
-    semloc bag simulate office.json -o run.mcap
-    semloc replay run.mcap --map office.map -o results.mcap
-    semloc explain office.map office.json --near 3,4
-
-Without a graph of your own, `semloc world office -o office.json` makes one.
-
-Exit status: 0; 2 where words or files are wrong, with one line on stderr; 130 where it was stopped.
-"""
-
-WRONG, INTERRUPTED = 2, 130
-"""Exit statuses: wrong words or a wrong file, one line said on stderr; stopped by the person."""
-UsageError: type[Exception] = typer.BadParameter.__mro__[1]
-"""click's, or that of typer's own copy of click."""
-
-app = typer.Typer(
-    name="semloc", help=HELP, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode="markdown"
-)
-
-
-def _version(value: bool) -> None:
-    if value:
-        typer.echo(f"semloc {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def _options(
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say more of what happens.")] = False,
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
-    ] = False,
-) -> None:
-    logging.basicConfig(
-        level=logging.INFO if verbose else logging.WARNING, format="%(levelname)s: %(message)s", stream=sys.stderr
-    )
-
-
-app.command("train")(train.train)
-app.add_typer(maps.app, name="map")
-app.add_typer(world.app, name="world")
-app.add_typer(bags.app, name="bag")
-app.command("replay")(replay.replay)
-app.command("explain")(explain.explain)
-app.command("introspect")(introspect.introspect)
-app.add_typer(evaluate.app, name="evaluate")
-app.add_typer(report.app, name="report")
-app.add_typer(bench.app, name="bench")
+__all__ = ["main"]
 
 
 def main() -> None:
-    """Run the command line; whatever a person can get wrong becomes one line on stderr and exit status 2."""
-    status = 0
-    try:
-        status = app(prog_name="semloc", standalone_mode=False) or 0
-    except typer.Abort:
-        status = INTERRUPTED
-    except UsageError as error:
-        _fail(_said(error))
-    except SemlocError as error:
-        _fail(str(error))
-    except OSError as error:
-        _fail(f"{error.filename or 'input or output'}: {error.strerror or error}")
-    except KeyboardInterrupt:
-        status = INTERRUPTED
-    if status == INTERRUPTED:
-        sys.stderr.write("semloc: interrupted\n")
+    """Run the command line and exit; whatever a person can get wrong becomes one line on stderr and exit status 2."""
+    with stops():
+        print_plainly()
+        from semloc_core.cli.commands import run
+
+        status = run(sys.argv[1:])
     sys.exit(status)
 
 
-def _said(error: Exception) -> str:
-    """What is wrong with the words of the command, and which command lists the right ones."""
-    text = error.format_message().strip()  # type: ignore[attr-defined]  # of click, which typer has or brings
-    if type(error).__name__ == "NoArgsIsHelpError":  # the help is the answer; typer has printed it
-        sys.exit(WRONG)
-    context = getattr(error, "ctx", None)
-    command = context.command_path if context is not None else "semloc"
-    return f"{text[:1].lower()}{text[1:].rstrip('.')} (see {command} --help)"
+def __getattr__(name: str) -> Any:
+    if name == "app":
+        from semloc_core.cli.commands import app
 
-
-def _fail(message: str) -> NoReturn:
-    if sys.exc_info()[0] is BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(141)
-    sys.stderr.write(f"semloc: {' '.join(message.split())}\n")
-    sys.exit(WRONG)
+        return app
+    raise AttributeError(name)

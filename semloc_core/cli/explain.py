@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from semloc_core.cli.shared.common import can_be_written, read_graph_or_run
+from semloc_core.cli.shared.common import (
+    LabelspaceOption,
+    RobotOption,
+    SynonymsOption,
+    TopicOption,
+    can_be_written,
+    read_graph_or_run,
+)
+from semloc_core.cli.shared.foreign_classes import report_unknown_classes
 from semloc_core.cli.shared.map_places import only_a_file
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import ConfigError, GraphError
 from semloc_core.files import write_whole
+from semloc_core.graph import full_id, short_id
 
 if TYPE_CHECKING:
     from semloc_core.graph import SceneGraph
+    from semloc_core.matching import Located
+
+NO_RIVALS = "expected an answer with rivals (got none: no other place is nearly as likely)"
 
 
 def explain(
@@ -37,44 +50,93 @@ def explain(
     building: Annotated[
         str | None, typer.Option("--map-name", metavar="BUILDING", help="The building of the map that --place is of.")
     ] = None,
+    place_near: Annotated[
+        str | None,
+        typer.Option("--place-near", metavar="X,Y[,Z]", help="Explain the map place nearest to this point (m)."),
+    ] = None,
+    rival: Annotated[
+        int | None, typer.Option("--rival", metavar="K", min=1, help="Explain the answer's K-th rival: why not there?")
+    ] = None,
     methods: Annotated[
         str | None, typer.Option("--methods", metavar="NAME,…", help="Explainers, by comma; default: all.")
     ] = None,
+    labelspace: LabelspaceOption = None,
+    synonyms: SynonymsOption = None,
+    topic: TopicOption = None,
+    robot: RobotOption = None,
+    long: Annotated[
+        bool, typer.Option("--long", help="All of it: every place listed, every explainer, object by object.")
+    ] = False,
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", callback=can_be_written, help="Write all messages as JSON.")
     ] = None,
 ) -> None:
-    """Locate one place of a graph, and say which classes and objects made the match, or any other pair."""
+    """Locate one place of a graph; say what decided, and why not any other place of the map.
+
+    Ids are printed as p86 or O12 where they are Hydra's, and are taken so, or whole.
+    """
     from semloc_core import wire
-    from semloc_core.cli.explained import print_answer, print_explanation
-    from semloc_core.explain import asked_methods, check_asked, explain_pair, find_row
+    from semloc_core.cli.explained import print_answer, print_brief, print_explanation
+    from semloc_core.explain import asked_methods, check_asked, explain_pair
+    from semloc_core.graph import Reading, advice, all_unknown, count_unknown
     from semloc_core.localiser import Localiser
     from semloc_core.map_database import load
 
     chosen = None if methods is None else [name.strip() for name in methods.split(",")]
     check_asked(chosen or [])
     loaded = load(map_file)
-    graph = read_graph_or_run(source, loaded.model.labelspace, of_map=True)
+    graph = read_graph_or_run(source, Reading.of(labelspace, synonyms, loaded.model.labelspace, topic, robot))
+    unknown = count_unknown(graph, loaded.model.labelspace)
+    report_unknown_classes(unknown, str(source), advise=False)
     query, said = _query_place(graph, query, near, within)
     localiser = Localiser(loaded)
     result = localiser.update(graph.to_update(seq=0, stamp_ns=0, frame_id="query", query_place=query))
     assert result.located is not None
     matches = result.located.matches
-    asked = f"asked: place {query} at {_at(graph, query)} of {source.name}{said}"
-    row = None
+    asked = f"asked: place {short_id(query)} at {_point(graph.places[query])} of {source.name}{said}"
+    row, explanation = None, None
     if result.located.query.encoded is not None:  # what was asked wrongly is said before anything is printed
-        row = find_row(result.located, building, place)
-        chosen = asked_methods(result.located, row, chosen)
-    elif place is not None:
-        raise ConfigError(f"expected a query place that can be embedded (got {query}: {result.located.query.reason})")
-    print_answer(matches, asked, result.located.query.reason)
-    parts = [wire.encode(matches)] + ([wire.encode(result.attributions)] if result.attributions else [])
-    if row is not None:
+        row = _map_row(result.located, building, place, place_near, rival, within)
+        chosen = asked_methods(result.located, chosen)
         explanation = explain_pair(result.located, row, methods=chosen)
-        print_explanation(explanation, matches.matches[0].probability if matches.matches else None)
-        parts.append(wire.encode(explanation))
+    elif place is not None or place_near is not None or rival is not None:
+        raise ConfigError(f"expected a query place that can be embedded (got {query}: {result.located.query.reason})")
+    reason = result.located.query.reason
+    nothing = all_unknown((thing.class_ for thing in graph.objects.values()), loaded.model.labelspace)
+    if nothing and unknown:
+        reason = f"{nothing}; {advice(unknown)}"
+    if long:
+        print_answer(matches, asked, reason)
+        if explanation is not None:
+            print_explanation(explanation, matches.matches[0].probability if matches.matches else None)
+    else:
+        print_brief(matches, asked, reason, explanation)
+    said_of = (matches, result.evidence, result.attributions, explanation)
+    parts = [wire.encode(message) for message in said_of if message is not None]
     if json_file is not None:
         write_whole(json_file, b"[" + b",".join(parts) + b"]\n")
+
+
+def _map_row(
+    located: Located, building: str | None, place: str | None, near: str | None, rival: int | None, within: float
+) -> int:
+    """The row of the map place that the options mean."""
+    from semloc_core.explain import find_row
+
+    if sum(option is not None for option in (place, near, rival)) > 1:
+        raise ConfigError("expected one of --place, --place-near and --rival (got more)")
+    loaded = located.map
+    if rival is not None:
+        rivals = located.matches.rivals
+        if rival > len(rivals):
+            raise ConfigError(f"expected --rival 1 to {len(rivals)} (got {rival})" if rivals else NO_RIVALS)
+        return loaded.row(rivals[rival - 1].map, rivals[rival - 1].place)
+    if near is not None:
+        building = building or located.matches.matches[0].map
+        of = loaded.rows_of(building)
+        places = {loaded.place_ids[row]: tuple(loaded.positions[row].tolist()) for row in range(of.start, of.stop)}
+        return loaded.row(building, _nearest(places, near, within, "--place-near")[0])
+    return find_row(located, building, None if place is None else full_id(place, set(loaded.place_ids)))
 
 
 def _query_place(graph: SceneGraph, query: str | None, near: str | None, within: float) -> tuple[str, str]:
@@ -82,7 +144,7 @@ def _query_place(graph: SceneGraph, query: str | None, near: str | None, within:
     if near is not None:
         if query is not None:
             raise ConfigError("expected --query or --near (got both)")
-        return _nearest(graph, near, within)
+        return _nearest(graph.places, near, within)
     said = ""
     if query is None:
         query, said = graph.query_place, ", the last that the robot was at"
@@ -90,6 +152,7 @@ def _query_place(graph: SceneGraph, query: str | None, near: str | None, within:
             raise ConfigError(
                 "expected --query PLACE or --near X,Y (got neither, and the graph says no place of its own)"
             )
+    query = full_id(query, graph.places)
     if query not in graph.places:
         raise GraphError(
             f"expected --query to name one of the graph's {len(graph.places)} places, or --near X,Y (got {query})"
@@ -97,25 +160,27 @@ def _query_place(graph: SceneGraph, query: str | None, near: str | None, within:
     return query, said
 
 
-def _nearest(graph: SceneGraph, near: str, within: float) -> tuple[str, str]:
+def _nearest(
+    places: Mapping[str, tuple[float, ...]], near: str, within: float, option: str = "--near"
+) -> tuple[str, str]:
     """The place nearest to a point, and how far it is."""
     try:
         point = [float(value) for value in near.split(",")]
     except ValueError:
         point = []
     if len(point) not in (2, 3) or not all(math.isfinite(value) for value in point):
-        raise ConfigError(f"expected --near as X,Y or X,Y,Z in metres (got {near})")
-    if not graph.places:
+        raise ConfigError(f"expected {option} as X,Y or X,Y,Z in metres (got {near})")
+    if not places:
         raise GraphError("expected a graph with places (got none)")
-    away = {id_: math.dist(at[: len(point)], point) for id_, at in graph.places.items()}
+    away = {id_: math.dist(at[: len(point)], point) for id_, at in places.items()}
     place = min(away, key=lambda id_: (away[id_], id_))
     if away[place] > within:
         raise GraphError(
-            f"expected a place within {within:g} m of --near {near} (got {away[place]:.1f} m to {place} at "
-            f"{_at(graph, place)}; --within METRES allows more)"
+            f"expected a place within {within:g} m of {option} {near} (got {away[place]:.1f} m to {short_id(place)} at "
+            f"{_point(places[place])}; --within METRES allows more)"
         )
     return place, f", {away[place]:.2f} m from {near}"
 
 
-def _at(graph: SceneGraph, place: str) -> str:
-    return "({:.2f}, {:.2f}, {:.2f})".format(*graph.places[place])
+def _point(at: Sequence[float]) -> str:
+    return "({:.2f}, {:.2f}, {:.2f})".format(*at)

@@ -11,14 +11,28 @@ from rich.text import Text
 
 from semloc_core.cli.shared.screen import console, cut, print_whole
 from semloc_core.explain import LAYOUT
-from semloc_core.wire import Counterfactual, Explanation, MethodAttributions, PlaceMatches, WhyNot, WithoutClass
+from semloc_core.graph import short_id
+from semloc_core.wire import (
+    ClassAttribution,
+    Counterfactual,
+    Explanation,
+    MethodAttributions,
+    PlaceEvidence,
+    PlaceMatches,
+    WhyNot,
+    WithoutClass,
+)
 
+NAMED = 4
+"""Classes, objects and rivals named in a line at most; ``--long`` names more."""
 CLASSES = 8
 """Classes printed at most; the JSON has all."""
 REMOVED_CLASSES = 6
 """Classes of removed objects that are named."""
 SAME_PROBABILITY = 0.005
 """A probability nearer than this to the published one is no other answer."""
+OWN = ("attention", "closed_form")
+"""What an encoder says of itself."""
 UNSIGNED = ("attention", "saliency")
 
 
@@ -32,6 +46,80 @@ def line(text: str) -> None:
     console.print(f"{'':8s} {text}")
 
 
+def print_brief(matches: PlaceMatches, asked: str, reason: str, explanation: Explanation | None) -> None:
+    """What, where, how sure, why, and what would change it: a line each; why not, where another place was asked for.
+
+    Args:
+        matches: the answer.
+        asked: says what was asked about.
+        reason: why there is no answer, or an empty string.
+        explanation: of the answer, or of another place of the map beside it; None where nothing was embedded.
+
+    """
+    if not matches.matches:
+        head("WHAT", f"{matches.status}: {reason or 'no place of the map'}")
+        head("WHERE", asked)
+        return
+    best = matches.matches[0]
+    at = "({:.2f}, {:.2f}, {:.2f})".format(*best.position)
+    head("WHAT", f"{matches.status}: {best.map}, place {short_id(best.place)} at {at}{f'; {reason}' if reason else ''}")
+    head("WHERE", asked)
+    meaning = "that this place is right" if matches.calibrated else "not calibrated"
+    head("SURE", f"probability {best.probability:.3f} ({meaning}); {_rivals(matches)}")
+    if explanation is None:
+        return
+    order = sorted(explanation.methods, key=_precedence)
+    head("BECAUSE", "; ".join(_because(said) for said in _spoken(order)) or "no object counted")
+    if explanation.why_not is not None:
+        _print_why_not(explanation.why_not, explanation, NAMED)
+    else:
+        head("UNLESS", _would_change(explanation, best.probability))
+
+
+def _rivals(matches: PlaceMatches) -> str:
+    if not matches.rivals:
+        return "no rival elsewhere"
+    named = [f"{of.map}, place {short_id(of.place)} ({of.probability:.3f})" for of in matches.rivals[:NAMED]]
+    more = f" and {len(matches.rivals) - NAMED} more" if len(matches.rivals) > NAMED else ""
+    return f"rivals: {'; '.join(named)}{more}"
+
+
+def _spoken(order: Sequence[MethodAttributions]) -> list[MethodAttributions]:
+    """What decided, and attention beside it; else the most faithful."""
+    chosen = [said for said in order if said.classes and said.method in (LAYOUT, *OWN)]
+    return chosen or [said for said in order if said.classes][:1]
+
+
+def _because(said: MethodAttributions) -> str:
+    if said.method != LAYOUT:
+        return f"{said.method}: {_shares(said.classes)}"
+    nats = ", ".join(f"{of.class_} {of.score:+.1f}" for of in said.classes[:NAMED])
+    return f"{nats} nats (layout, which decided)"
+
+
+def _shares(classes: Sequence[ClassAttribution]) -> str:
+    return ", ".join(f"{of.class_} {math.copysign(of.share, of.score):.0%}" for of in classes[:NAMED])
+
+
+def _would_change(explanation: Explanation, published: float) -> str:
+    """The classes without which the answer would be another, or the probability."""
+    changing = [of for of in explanation.without or [] if not _changes_nothing(of, published)]
+    if changing:
+        return "; ".join(_without([of]) for of in changing[:NAMED])
+    if explanation.without:
+        return f"no single class: without any one of {len(explanation.without)} the answer is the same"
+    found = explanation.counterfactual
+    if found is not None and found.removed:
+        return (
+            f"without {_removed([(of.class_, of.id) for of in found.removed])}: {found.map}, place {_of(found.place)}"
+        )
+    return "no removal that was tried changes it"
+
+
+def _of(place: str | None) -> str:
+    return short_id(place) if place is not None else "–"
+
+
 def print_answer(matches: PlaceMatches, asked: str, reason: str) -> None:
     """What and where: the best place, the place that was asked about, and all places of the answer."""
     if not matches.matches:
@@ -41,7 +129,7 @@ def print_answer(matches: PlaceMatches, asked: str, reason: str) -> None:
     best = matches.matches[0]
     head(
         "WHAT",
-        f"{matches.status}: {best.map}, place {best.place}, probability {best.probability:.3f}"
+        f"{matches.status}: {best.map}, place {short_id(best.place)}, probability {best.probability:.3f}"
         f"{'' if matches.calibrated else ' (not calibrated)'}{f'; {reason}' if reason else ''}",
     )
     head("WHERE", asked)
@@ -52,7 +140,7 @@ def print_answer(matches: PlaceMatches, asked: str, reason: str) -> None:
         x, y, z = match.position
         at = f"({x:.2f}, {y:.2f}, {z:.2f})"
         figures = (f"{match.similarity:.4f}", f"{match.probability:.3f}")
-        table.add_row("", str(match.rank), cut(match.map), match.place, at, *figures)
+        table.add_row("", str(match.rank), cut(match.map), short_id(match.place), at, *figures)
     print_whole(table, console)
 
 
@@ -65,7 +153,7 @@ def print_explanation(explanation: Explanation, published: float | None = None) 
             a class.
 
     """
-    of = f"{explanation.match_map}, place {explanation.match_place} (similarity {explanation.similarity:.4f})"
+    of = f"{explanation.match_map}, place {_of(explanation.match_place)} (similarity {explanation.similarity:.4f})"
     # What decided comes first; of what explains the similarity, the most faithful.
     order = sorted(explanation.methods, key=_precedence)
     if order and order[0].classes:
@@ -73,14 +161,13 @@ def print_explanation(explanation: Explanation, published: float | None = None) 
     else:
         head("WHY", f"{of}: no object counted")
     if explanation.why_not is not None:
-        _print_why_not(explanation.why_not, explanation.similarity)
+        _print_why_not(explanation.why_not, explanation, None)
     _print_what_if(order, explanation.counterfactual, explanation.without or [], published)
 
 
 def _print_methods(order: Sequence[MethodAttributions], of: str) -> None:
     best = order[0]
-    most = ", ".join(f"{found.class_} {math.copysign(found.share, found.score):.0%}" for found in best.classes[:4])
-    head("WHY", f"{most}: so says {best.method}, {_rank_of(order)}")
+    head("WHY", f"{_shares(best.classes)}: so says {best.method}, {_rank_of(order)}")
     line(of)
     table = _columns(("class", "left"), ("objects", "right"))
     for said in order:
@@ -128,13 +215,55 @@ def _rank_of(order: Sequence[MethodAttributions]) -> str:
     return f"the most faithful of {len(order)} explainers" if order[0].fidelity else f"first of {len(order)} explainers"
 
 
-def _print_why_not(other: WhyNot, similarity: float | None) -> None:
-    head("WHY NOT", f"it is number {other.rank}, behind {other.map}, place {other.place}")
-    line(f"(similarity {other.similarity:.4f})")
-    if similarity is not None and similarity > other.similarity:
-        line("it is the more similar of the two: what put it behind is how the objects lie")
-    for contrast in other.classes:
+def _print_why_not(other: WhyNot, explanation: Explanation, most: int | None) -> None:
+    """Why the place asked for is not the answer: by what decides, object by object; then by similarity, if all is told.
+
+    Args:
+        other: the contrast.
+        explanation: that it is of.
+        most: lines of objects at most; None: all that differ, and the contrast by similarity.
+
+    """
+    top = f"{other.map}, place {short_id(other.place)}"
+    here = f"{explanation.match_map}, place {_of(explanation.match_place)}"
+    if other.evidence is not None:
+        this, best = other.evidence
+        head("WHY NOT", f"{here}: {this.score:.1f} nats, against {best.score:.1f} of {top}")
+        lines = _contrasts(this, best)
+        for text in lines[:most]:
+            line(text)
+        if most is not None and len(lines) > most:
+            line(f"and {len(lines) - most} smaller differences (--long)")
+        if most is not None:
+            return
+        line(f"by the answer's order it is number {other.rank}; by similarity:")
+    else:
+        head("WHY NOT", f"{here} is number {other.rank}, behind {top}")
+    line(f"similarity {explanation.similarity or 0.0:.4f} here, {other.similarity:.4f} there")
+    for contrast in other.classes[:most]:
         line(f"{contrast.score:+.4f}  {contrast.class_}: for {'this place' if contrast.score > 0 else 'the top match'}")
+
+
+def _contrasts(this: PlaceEvidence, best: PlaceEvidence) -> list[str]:
+    """A line for each object that speaks otherwise at two places, those that differ most first."""
+    found: list[tuple[float, str]] = []
+    there = {of.id: of for of in best.objects}
+    for of in this.objects:
+        other = there[of.id]
+        sides = f"{of.score:+.1f} here{_as(of.mapped)}, {other.score:+.1f} there{_as(other.mapped)}"
+        found.append((of.score - other.score, f"saw {of.class_} {short_id(of.id)}: {sides}"))
+    for side, evidence, sign in (("here", this, 1.0), ("there", best, -1.0)):
+        for of in evidence.missed:
+            text = f"did not see {of.class_} {short_id(of.id)}, mapped {side}: {of.score:+.1f} {side}"
+            found.append((sign * of.score, text))
+    walls = f"walked where the map has no room: {this.walls:+.1f} here, {best.walls:+.1f} there"
+    found.append((this.walls - best.walls, walls))
+    found = [(value, text) for value, text in found if abs(value) >= 0.05]
+    return [text for _, text in sorted(found, key=lambda of: (-abs(round(of[0], 6)), of[1]))]
+
+
+def _as(mapped: str | None) -> str:
+    return f" (as {short_id(mapped)})" if mapped is not None else ""
 
 
 def _print_what_if(
@@ -153,7 +282,9 @@ def _print_what_if(
         said.append(f"with them alone, by {fidelity.sufficiency:.3f}")
     if found is not None and found.removed:
         said.append(f"without {_removed([(item.class_, item.id) for item in found.removed])}")
-        said.append(f"  the top match by similarity alone is {found.map}, place {found.place} ({found.similarity:.4f})")
+        said.append(
+            f"  the top match by similarity alone is {found.map}, place {_of(found.place)} ({found.similarity:.4f})"
+        )
     elif found is not None:
         said.append("no removal of objects that was tried changes the top match by similarity")
     for number, text in enumerate(said):
@@ -172,7 +303,7 @@ def _without(alike: Sequence[WithoutClass]) -> str:
     seen = f"had it seen {', or '.join(f'no {of.class_}' for of in alike)}"
     if found.map is None:
         return f"{seen}: nothing to go by"
-    there = "the same answer" if found.same else f"{found.map}, place {found.place}"
+    there = "the same answer" if found.same else f"{found.map}, place {_of(found.place)}"
     values = sorted(f"{of.probability:.3f}" for of in alike)
     return f"{seen}: {there}, probability {' to '.join(dict.fromkeys((values[0], values[-1])))}"
 
@@ -189,7 +320,7 @@ def _columns(*names: tuple[str, str]) -> Table:
 def _removed(objects: list[tuple[str, str]]) -> str:
     """A few objects by name, many by number of each class, the most first."""
     if len(objects) <= 3:
-        return ", ".join(f"{class_} {id_}" for class_, id_ in objects)
+        return ", ".join(f"{class_} {short_id(id_)}" for class_, id_ in objects)
     counts = Counter(class_ for class_, _ in objects)
     most = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
     named = ", ".join(f"{count} × {class_}" for class_, count in most[:REMOVED_CLASSES])

@@ -11,10 +11,10 @@ from semloc_core.cli.shared.common import (
     Json,
     LabelspaceOption,
     Seed,
+    SynonymsOption,
     building_name,
     can_be_written,
     console,
-    pick_labelspace,
     progress,
     read_graph,
 )
@@ -38,6 +38,7 @@ def introspect(
         ),
     ] = None,
     labelspace: LabelspaceOption = None,
+    synonyms: SynonymsOption = None,
     seeds: Annotated[int, typer.Option("--seeds", min=1, help="Trainings, with seeds from --seed on.")] = 3,
     methods: Annotated[
         str | None, typer.Option("--methods", metavar="NAME,…", help="Explainers, by comma; default: all.")
@@ -56,7 +57,7 @@ def introspect(
 ) -> None:
     """Train, explain every place, remove every class: which classes matter, by whom, and who can be trusted."""
     from semloc_core.explain import BUDGET, EXPLAINERS, check_methods
-    from semloc_core.graph import GraphArrays, count_unknown
+    from semloc_core.graph import GraphArrays, Reading, count_unknown
     from semloc_core.introspection import MOVED_M, mean_rows, overall, ranking_rows
     from semloc_core.introspection import introspect as study
     from semloc_core.metrics import cell, document, print_table
@@ -65,9 +66,9 @@ def introspect(
     chosen = list(EXPLAINERS) if methods is None else [name.strip() for name in methods.split(",")]
     check_methods(chosen)
     config = train_config(encoder, **({"steps": steps} if steps is not None else {}))
-    given = pick_labelspace(labelspace)
-    read = read_graph(graph, given)
-    space = given or read.labelspace
+    reading = Reading.of(labelspace, synonyms)
+    read = read_graph(graph, reading)
+    space = reading.classes_of([read.labelspace])
     report_unknown_classes(count_unknown(read.graph, space), str(graph))
     arrays = GraphArrays.from_scene_graph(read.graph, space, building_name(graph))
     with progress("introspecting") as bar:

@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
+import math
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from semloc_core.cli.shared.common import Json, SynonymsOption, console, join_synonyms, note, write_json
+from semloc_core.cli.shared.common import (
+    Json,
+    LabelspaceOption,
+    RobotOption,
+    SynonymsOption,
+    ToleranceOption,
+    TopicOption,
+    console,
+    note,
+    tell,
+    write_json,
+)
 from semloc_core.cli.shared.foreign_classes import report_unknown_classes
 from semloc_core.config import LocaliserConfig, checked, options
 
 if TYPE_CHECKING:
     from semloc_core.localiser import Localiser
     from semloc_core.replay import ReplaySummary
+    from semloc_core.wire import ClassAttributions
 
 _HELP = {option.name: option.description for option in options(LocaliserConfig)}
 _DEFAULT = LocaliserConfig()
@@ -27,9 +41,20 @@ def replay(
         str, typer.Option("--map", metavar="MAP|URL", help="The map file, or milvus+http://host:port/name.")
     ],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="RESULTS", help="Write matches and attributions to a bag.")
+        Path | None,
+        typer.Option("-o", "--output", metavar="RESULTS", help="Write matches, evidence and attributions to a bag."),
     ] = None,
-    topic: Annotated[str, typer.Option(help="Topic of the scene-graph updates.")] = "/scene_graph",
+    tum: Annotated[
+        Path | None,
+        typer.Option("--tum", metavar="FILE", help="Write the poses of matches as TUM files, one a building."),
+    ] = None,
+    topic: TopicOption = None,
+    robot: RobotOption = None,
+    truth_topic: Annotated[
+        str | None,
+        typer.Option("--truth-topic", metavar="TOPIC", help="Ground truth; default: ground_truth beside the updates."),
+    ] = None,
+    truth_tolerance: ToleranceOption = 0.05,
     top_n: Annotated[int, typer.Option(help=_HELP["top_n"])] = _DEFAULT.top_n,
     explainer: Annotated[str, typer.Option(metavar="NAME", help=_HELP["explainer"])] = _DEFAULT.explainer,
     explain_rate_hz: Annotated[float, typer.Option(help=_HELP["explain_rate_hz"])] = _DEFAULT.explain_rate_hz,
@@ -39,6 +64,7 @@ def replay(
     buildings: Annotated[
         list[str] | None, typer.Option("--buildings", metavar="PATTERN", help=_HELP["buildings"])
     ] = None,
+    labelspace: LabelspaceOption = None,
     synonyms: SynonymsOption = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the closing table.")] = False,
     json_file: Json = None,
@@ -48,14 +74,6 @@ def replay(
     Prints an answer a second of the run, then a table: success within 4 m by distance travelled, where the run brings
     its ground truth, and latency. A map's server that stops answering is waited for, a minute at most.
     """
-    import torch
-
-    from semloc_core.cli.replay_table import print_summary
-    from semloc_core.fleet import open_localiser
-    from semloc_core.replay import Answer
-    from semloc_core.replay import replay as run_replay
-
-    torch.set_num_threads(1)
     config = checked(
         LocaliserConfig,
         top_n=top_n,
@@ -66,6 +84,16 @@ def replay(
         filter=filter_,
         buildings=tuple(buildings or ()),
     )
+    import torch
+
+    from semloc_core.cli.replay_table import print_summary
+    from semloc_core.fleet import open_localiser
+    from semloc_core.graph import Reading, advice
+    from semloc_core.replay import Answer
+    from semloc_core.replay import replay as run_replay
+    from semloc_core.wire import TumWriter
+
+    torch.set_num_threads(1)
     shown_ns: list[int] = []
 
     def on_answer(answer: Answer) -> None:
@@ -76,12 +104,36 @@ def replay(
         console.print(_line(answer, (stamp - shown_ns[0]) / 1e9))
 
     localiser = open_localiser(map_, config, outage_s=OUTAGE_S)
-    join_synonyms(localiser.map.model, synonyms)
+    writer = TumWriter(tum, localiser.buildings) if tum is not None else None
     try:
-        summary = run_replay(run, localiser, config, topic=topic, results=output, on_answer=on_answer)
+        reading = Reading.of(labelspace, synonyms, localiser.map.model.labelspace)
+        labels = localiser.labels = reading.labels()
+        with writer or nullcontext():
+            summary = run_replay(
+                run,
+                localiser,
+                config,
+                topic=topic,
+                robot=robot,
+                truth_topic=truth_topic,
+                truth_tolerance_s=truth_tolerance,
+                results=output,
+                tum=writer,
+                on_answer=on_answer,
+            )
     finally:
         localiser.close()
-    report_unknown_classes(dict(summary.unknown_classes), str(run), labelspace=False)
+    tell(run, labels.told())
+    report_unknown_classes(summary.unknown_classes, str(run), advise=False)
+    if summary.all_unknown:
+        note(f"{run}: {summary.all_unknown}; {advice(summary.unknown_classes)}")
+    for line in summary.said:
+        note(f"{run}: {line}")
+    if summary.truths and (summary.truth_apart_ns or not summary.matched):
+        note(
+            f"ground truth: {summary.matched} answers have one within {truth_tolerance * 1e3:g} ms of their stamp, "
+            f"{summary.truth_apart_ns / 1e6:g} ms off at most"
+        )
     dropped = {k: v for k, v in sorted(summary.counts.items()) if k != "applied" and v}
     if dropped:
         note("updates not applied: " + ", ".join(f"{count} {name}" for name, count in dropped.items()))
@@ -94,6 +146,8 @@ def replay(
         write_json(json_file, "replay", 0, [run, map_], rows)
     if output is not None:
         console.print(f"results: {output}")
+    if writer is not None:
+        console.print("trajectories: " + (", ".join(map(str, writer.files)) or "none, no answer was a match"))
 
 
 def _tell_scoring(summary: ReplaySummary, localiser: Localiser) -> None:
@@ -111,17 +165,21 @@ def _tell_scoring(summary: ReplaySummary, localiser: Localiser) -> None:
         why = "the ground truth names no building of this map" if buildings else "the map has no buildings"
         note(f"{summary.unscored} answers not scored: {why}")
     elif not summary.rows:
-        note("no ground truth in the run: nothing to score")
+        why = f"{summary.truths} poses, none near an answer" if summary.truths else "none in the run"
+        note(f"no ground truth to score with ({why})")
 
 
 def _line(answer: object, seconds: float) -> str:
+    from semloc_core.explain import LAYOUT
     from semloc_core.replay import Answer
 
     assert isinstance(answer, Answer)
     matches, why = answer.matches, ""
-    if answer.attributions is not None and matches.status != "unknown":
-        named = [c for c in answer.attributions.classes[:4] if c.share >= 0.005]
-        why = "  because " + ", ".join(f"{c.class_} {c.share:.0%}" for c in named)
+    if matches.status != "unknown":
+        if answer.evidence is not None:
+            why = f"  because {_most(answer.evidence)}"
+        if answer.attributions is not None and answer.attributions.method != LAYOUT:
+            why += f"  {answer.attributions.method}: {_most(answer.attributions)}"
     if not matches.matches:
         return f"{seconds:7.1f} s  {matches.status}"
     best = matches.matches[0]
@@ -130,3 +188,8 @@ def _line(answer: object, seconds: float) -> str:
         f"{seconds:7.1f} s  {matches.status:9s}  {best.map} ({x:.1f}, {y:.1f}, {z:.1f}) "
         f"p={best.probability:.2f} s={best.similarity:.3f}{why}"
     )
+
+
+def _most(said: ClassAttributions) -> str:
+    named = [of for of in said.classes[:4] if of.share >= 0.005]
+    return ", ".join(f"{of.class_} {math.copysign(of.share, of.score):.0%}" for of in named)

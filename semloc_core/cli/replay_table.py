@@ -17,6 +17,12 @@ MEASURES = {
     "accepted": "accepted (match)",
     "precision": "right of accepted",
     "error_m": "error (m), median",
+    "position_error_m": "pose: position error (m), median",
+    "position_error_m_p90": "pose: position error (m), 90 %",
+    "heading_error_deg": "pose: heading error (°), median",
+    "heading_error_deg_p90": "pose: heading error (°), 90 %",
+    "nees": "pose: NEES",
+    "coverage": "pose: 95 % region holds truth",
 }
 """Figure of a row -> what it is called on screen, in this order."""
 _STARTS = [f"{start:g}m" for start in FROM_METRES]

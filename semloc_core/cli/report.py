@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from semloc_core.cli.shared.common import can_be_written, console
+from semloc_core.cli.shared.common import RobotOption, ToleranceOption, TopicOption, can_be_written, console
 from semloc_core.cli.shared.map_places import only_a_file
 from semloc_core.files import write_whole
 
@@ -46,6 +46,9 @@ def replay(
     study: StudyOption = None,
     run: RunOption = None,
     node: NodeOption = "/localiser",
+    topic: TopicOption = None,
+    robot: RobotOption = None,
+    truth_tolerance: ToleranceOption = 0.05,
 ) -> None:
     """One HTML page of a replay: floor plan with path and matches, statuses, confidence, class shares, confusions."""
     from semloc_core.map_database import load
@@ -53,7 +56,9 @@ def replay(
 
     beside = kept(study) if study is not None else None
     loaded = load(map_file)
-    data = read_results(results, loaded, run=run, node=node)
+    data = read_results(
+        results, loaded, run=run, node=node, topic=topic, robot=robot, truth_tolerance_s=truth_tolerance
+    )
     page = replay_page(data, loaded, results.name)
     text = (joined(page, beside) if beside is not None else page).html()
     write_whole(output, text.encode())
@@ -84,12 +89,18 @@ def picture(
     ],
     run: RunOption = None,
     node: NodeOption = "/localiser",
+    topic: TopicOption = None,
+    robot: RobotOption = None,
+    truth_tolerance: ToleranceOption = 0.05,
 ) -> None:
     """One picture of a replay's clearest answer: floor plan, path, top match, and the classes that carried it."""
     from semloc_core.map_database import load
     from semloc_core.report import answer_picture, read_results
 
     loaded = load(map_file)
-    content = answer_picture(read_results(results, loaded, run=run, node=node), loaded)
+    content = answer_picture(
+        read_results(results, loaded, run=run, node=node, topic=topic, robot=robot, truth_tolerance_s=truth_tolerance),
+        loaded,
+    )
     write_whole(output, content)
     console.print(f"{output}: {len(content) / 1e3:.0f} kB")

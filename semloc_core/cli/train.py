@@ -13,16 +13,16 @@ from semloc_core.cli.shared.common import (
     Json,
     LabelspaceOption,
     Seed,
+    SynonymsOption,
     building_name,
     can_be_written,
     console,
     note,
-    pick_labelspace,
     progress,
     read_graph,
     show,
 )
-from semloc_core.cli.shared.foreign_classes import report_unknown_classes
+from semloc_core.cli.shared.foreign_classes import AllowUnknown, check_classes
 from semloc_core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -68,6 +68,8 @@ def train(
         ),
     ] = None,
     labelspace: LabelspaceOption = None,
+    synonyms: SynonymsOption = None,
+    allow_unknown: AllowUnknown = False,
     layers: Annotated[int, typer.Option(min=1, max=8, help="Message-passing layers (paper).")] = 2,
     hidden: Annotated[int, typer.Option(min=1, max=1024, help="Hidden dimension (paper).")] = 64,
     heads: Annotated[int, typer.Option(min=0, max=16, help="Attention heads (paper); 0: no attention.")] = 3,
@@ -106,19 +108,19 @@ def train(
     import msgspec
 
     from semloc_core.encoding import load_model
-    from semloc_core.graph import GraphArrays, count_unknown, union
+    from semloc_core.graph import GraphArrays, Reading
     from semloc_core.training import DEFAULT_ENCODER, PERTURBATIONS, Report, own_validation, plot_curve, train_config
     from semloc_core.training import train as run_training
 
     begun = load_model(start) if start is not None else None
-    chosen = pick_labelspace(labelspace)
-    if begun is not None and chosen is not None:
-        begun.labelspace = begun.labelspace.with_ids_of(chosen)
-    files = [read_graph(path, chosen or (begun.labelspace if begun is not None else None)) for path in graphs]
-    space = begun.labelspace if begun is not None else chosen or union([file.labelspace for file in files])
+    reading = Reading.of(labelspace, synonyms, begun.labelspace if begun is not None else None)
+    if begun is not None:
+        begun.labelspace = reading.space or begun.labelspace
+    files = [read_graph(path, reading) for path in graphs]
+    space = reading.classes_of([file.labelspace for file in files])
     for path, file in zip(graphs, files, strict=True):
-        report_unknown_classes(count_unknown(file.graph, space), str(path))
-    if chosen is None and space.classes and all(name.startswith("class_") for name in space.classes):
+        check_classes(file.graph, space, str(path), allow_unknown=allow_unknown)
+    if reading.said is None and space.classes and all(name.startswith("class_") for name in space.classes):
         note("the graphs have numbers in place of class names; if you know which classes they are, use --labelspace")
     arrays = [
         GraphArrays.from_scene_graph(f.graph, space, building_name(p)) for p, f in zip(graphs, files, strict=True)

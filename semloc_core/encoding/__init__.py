@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from semloc_core.encoding.place_graph.extraction import Extraction
     from semloc_core.encoding.place_graph.free_space import Bands, free_space, place_cells
     from semloc_core.encoding.place_graph.reach import reach_all_batch, take_stars
+    from semloc_core.encoding.similarity import similarity_matrix
     from semloc_core.encoding.surroundings import Surroundings
-    from semloc_core.encoding.variants.perturbed import NODES_AT_ONCE, PerturbedEncoder, normal
+    from semloc_core.encoding.variants.perturbed import NODES_AT_ONCE, PerturbedEncoder, normal, products
 else:
     __getattr__ = exports(__name__)
 
@@ -30,5 +31,5 @@ __all__ = [
     "LEAST_KNOWN", "Model", "NODES_AT_ONCE", "Pairs", "PaperConfig", "PaperEncoder", "PerturbedEncoder",
     "PlaceBatches", "QueryEncoder", "Surroundings", "TfidfEncoder", "batch_of_arrays", "build_encoder", "embed_batch",
     "embed_graph", "embed_places", "extract", "extract_all", "free_space", "load_general", "load_model", "normal",
-    "pick_general", "place_cells", "reach_all_batch", "repeat", "take_stars", "union",
+    "pick_general", "place_cells", "products", "reach_all_batch", "repeat", "similarity_matrix", "take_stars", "union",
 ]  # fmt: skip

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoding import Model, embed_graph, embed_places
+from semloc_core.encoding import Model, embed_graph, embed_places, similarity_matrix
 from semloc_core.errors import GraphError
 from semloc_core.evaluate.relocalise import BASELINES, Arena, fitted, make_arena, read_buildings
 from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, union
@@ -86,7 +86,7 @@ def _judge(name: str, model: Model, arena: Arena, metres: Sequence[float], walks
     for scope, queries in asked.items():
         right, groups = list[NDArray[np.bool_]](), list[Ints]()
         for b, graph, places, truth in queries:
-            best = metrics.top(metrics.similarity_matrix(embed_places(model, graph, places), database), max(RANKS))
+            best = metrics.top(similarity_matrix(embed_places(model, graph, places), database), max(RANKS))
             away = np.linalg.norm(arena.positions[best] - truth[:, None], axis=2)
             right.append((away <= MATCH_RADIUS_M) & (arena.building[best] == b))
             groups.append(np.full(len(places), b, dtype=np.int64))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoding import Model, embed_graph
+from semloc_core.encoding import Model, embed_graph, similarity_matrix
 from semloc_core.errors import MapError
 from semloc_core.evaluate.merge_cases import Case, misplaced_m
 from semloc_core.graph import GraphArrays, Ints, Labelspace, SceneGraph
@@ -205,7 +205,7 @@ def _right(asked: Sequence[GraphArrays], model: Model, map_: _Map, radius_m: flo
         classes = [*model.labelspace.classes, ""]
         of_object = [map_.of_class.get(classes[c], 1.0) for c in query.object_classes.tolist()]
         z = embed_graph(model, query, dict(zip(query.object_ids, of_object, strict=True)))
-        best = metrics.top(metrics.similarity_matrix(z, database), 5)
+        best = metrics.top(similarity_matrix(z, database), 5)
         away = np.linalg.norm(positions[best] - query.place_positions[:, None], axis=2)
         found.append((away <= radius_m) & (building[best] == number))
     return np.concatenate(found)

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoding import Model, build_encoder, embed_graph, extract_all
+from semloc_core.encoding import Model, build_encoder, embed_graph, extract_all, similarity_matrix
 from semloc_core.errors import FileFormatError
-from semloc_core.evaluate.verified_answers import layout_verifier, reranked, turned
+from semloc_core.evaluate.verified_answers import add_error, any_frame, layout_verifier, reranked, written_in
 from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, union
-from semloc_core.matching import fragment_of_arrays
-from semloc_core.metrics import Progress, Row, accepted_share, expected_calibration_error, no_progress
+from semloc_core.matching import Placed, fragment_of_arrays
+from semloc_core.metrics import PoseErrors, Progress, Row, accepted_share, expected_calibration_error, no_progress
 from semloc_core.sources import HydraFile, read_hydra
 from semloc_core.training import Report, TrainConfig, train
 
@@ -178,7 +178,7 @@ def judge_arena(method: str, model: Model, arena: Arena, radius_m: float, seed: 
     positions, building = arena.positions, arena.building
     right = []
     for index, query in enumerate(arena.queries):
-        best = metrics.top(metrics.similarity_matrix(embed_graph(model, query), database), max(metrics.RANKS))
+        best = metrics.top(similarity_matrix(embed_graph(model, query), database), max(metrics.RANKS))
         away = np.linalg.norm(positions[best] - query.place_positions[:, None], axis=2)
         right.append((away <= radius_m) & (building[best] == index))
     rng = np.random.default_rng(seed)
@@ -194,16 +194,23 @@ def judge_layout(method: str, model: Model, arena: Arena, radius_m: float, seed:
     positions, building = arena.positions, arena.building
     verifier = layout_verifier(arena.maps, len(arena.labelspace))
     right, sure, abroad = [], [], []
+    errors, whole = [], PoseErrors()
     for index, query in enumerate(arena.queries):
-        frame = turned(query, np.random.default_rng([seed, index]))
-        fragments = [fragment_of_arrays(frame, place, verifier.config) for place in range(query.n_places)]
-        similarity = metrics.similarity_matrix(embed_graph(model, query), database)
+        frame = any_frame(np.random.default_rng([seed, index]))
+        moved = written_in(frame, query)
+        fragments = [fragment_of_arrays(moved, place, verifier.config) for place in range(query.n_places)]
+        similarity = similarity_matrix(embed_graph(model, query), database)
         said, said_abroad = np.zeros(len(fragments)), np.zeros(len(fragments))
-        best = reranked(verifier, fragments, similarity, chances=said)
+        places: list[Placed | None] = []
+        best = reranked(verifier, fragments, similarity, chances=said, places=places)
         if len(arena.queries) > 1:
             reranked(verifier, fragments, similarity, building != index, said_abroad)
         away = np.linalg.norm(positions[best] - query.place_positions[:, None], axis=2)
         right.append((away <= radius_m) & (building[best] == index))
+        errors.append(PoseErrors())
+        for q in np.flatnonzero(right[-1][:, 0]).tolist():
+            for tally in (errors[-1], whole):
+                add_error(tally, places[q], fragments[q], query.place_positions[q], -frame.yaw)
         sure.append(said)
         abroad.append(said_abroad)
     name, rng = f"{method} + layout", np.random.default_rng(seed)
@@ -213,6 +220,8 @@ def judge_layout(method: str, model: Model, arena: Arena, radius_m: float, seed:
     rows += [_row(name, query.name, found, rng, None) for query, found in zip(arena.queries, right, strict=True)]
     for row, said, found in zip(rows, [np.concatenate(sure), *sure], [every, *right], strict=True):
         row["ece"] = expected_calibration_error(said, found[:, 0])
+    for row, tally in zip(rows, [whole, *errors], strict=True):
+        row |= tally.figures()
     if len(arena.queries) > 1:
         accepted = accepted_share(np.concatenate(sure), np.concatenate(abroad), every[:, 0])
         rows.append({"method": name, "scope": "foreign", "queries": len(every), **accepted})

@@ -13,9 +13,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
-from semloc_core.encoding import Model, embed_graph
+from semloc_core.encoding import Model, embed_graph, similarity_matrix
 from semloc_core.evaluate.online.answers import OnlineWalk, make_walks, steps_at
 from semloc_core.evaluate.online.fragments import answered, embed_walk, stars_along
 from semloc_core.evaluate.relocalise import Arena, fitted, make_arena, read_buildings
@@ -110,7 +109,7 @@ def study_trust(
         progress(number, len(paths), arena.maps[path.building].name)
         at = steps_at(path.walk, scopes_m)
         asked = path.walk.at(at)
-        similarity = metrics.similarity_matrix(embed_walk(model, asked), database)
+        similarity = similarity_matrix(embed_walk(model, asked), database)
         alone, known = similarity.argmax(axis=1), answered(asked)
         fragments = fragments_along(path.walk, at, verifier, np.random.default_rng([seed, number]))
         for k, fragment in enumerate(fragments):

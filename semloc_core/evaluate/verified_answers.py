@@ -9,8 +9,18 @@ from numpy.typing import NDArray
 
 from semloc_core import metrics
 from semloc_core.graph import Floats, GraphArrays, Ints
-from semloc_core.matching import SHARPNESS, Fragment, LayoutVerifier, Verified, confidence, fragment_of_arrays
-from semloc_core.sources import Bools, Walk
+from semloc_core.matching import (
+    SHARPNESS,
+    Fragment,
+    LayoutVerifier,
+    Placed,
+    Verified,
+    confidence,
+    fragment_of_arrays,
+    placed,
+)
+from semloc_core.metrics import PoseErrors
+from semloc_core.sources import Bools, Frame, Walk
 from semloc_core.tracking import MapModel
 
 Similarities = NDArray[np.float32]
@@ -21,24 +31,34 @@ def layout_verifier(maps: tuple[GraphArrays, ...], n_classes: int) -> LayoutVeri
     return LayoutVerifier(maps, [np.arange(graph.n_places) for graph in maps], n_classes)
 
 
-def turned(graph: GraphArrays, rng: np.random.Generator) -> GraphArrays:
-    """The same building in a frame of its own: turned about gravity and shifted, as another run's would be."""
-    angle = rng.uniform(0.0, 2 * np.pi)
-    c, s = np.cos(angle), np.sin(angle)
-    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    shift = np.array([*rng.uniform(-50.0, 50.0, 2), rng.uniform(-3.0, 3.0)])
+def any_frame(rng: np.random.Generator) -> Frame:
+    """A frame of its own, as another run's would be: turned about gravity and shifted."""
+    angle = float(rng.uniform(0.0, 2 * np.pi))
+    x, y = rng.uniform(-50.0, 50.0, 2).tolist()
+    return Frame(angle, (x, y, float(rng.uniform(-3.0, 3.0))))
+
+
+def written_in(frame: Frame, graph: GraphArrays) -> GraphArrays:
+    """The same building in another frame."""
     return replace(
         graph,
-        place_positions=graph.place_positions @ turn + shift,
-        object_positions=graph.object_positions @ turn + shift,
+        place_positions=frame.of(graph.place_positions),
+        object_positions=frame.of(graph.object_positions),
     )
+
+
+def turned(graph: GraphArrays, rng: np.random.Generator) -> GraphArrays:
+    """The same building in a frame of its own (`any_frame`)."""
+    return written_in(any_frame(rng), graph)
 
 
 def fragments_along(walk: Walk, steps: Ints, verifier: LayoutVerifier, rng: np.random.Generator) -> list[Fragment]:
     """What is around the robot at some steps of a walk, in a frame of the walk's own."""
-    moved = replace(walk, graph=turned(walk.graph, rng))
-    parts = (moved.part(int(step)) for step in steps)
-    return [fragment_of_arrays(part, place, verifier.config) for part, place in parts]
+    frame, found = any_frame(rng), []
+    for step in steps.tolist():
+        part, place = walk.part(step)
+        found.append(fragment_of_arrays(written_in(frame, part), place, verifier.config, walk.ages(step)))
+    return found
 
 
 def reranked(
@@ -47,6 +67,7 @@ def reranked(
     similarity: Similarities,
     only: Bools | None = None,
     chances: Floats | None = None,
+    places: list[Placed | None] | None = None,
 ) -> Ints:
     """(Q, N) answers, the verified ones first, then the most similar; N is what `metrics.RANKS` asks for.
 
@@ -56,6 +77,7 @@ def reranked(
         similarity: (Q, M) float32.
         only: (M,) the places that the robot can be at; None for all.
         chances: (Q,) where to put the probability of the best answer.
+        places: where to put where the robot's frame lies by the best answer.
 
     """
     if only is not None:
@@ -67,6 +89,7 @@ def reranked(
         found = verifier.verify(fragment, similarity[q], only)
         if chances is not None:
             chances[q] = 0.0
+        placing: Placed | None = None
         if found is not None:
             sure = confidence(found, fragment, verifier.mapped)
             if chances is not None:
@@ -74,7 +97,18 @@ def reranked(
             rest = best[q][~np.isin(best[q], found.rows)]
             together = np.concatenate([found.rows[sure.order], rest])[: answers.shape[1]]
             answers[q, : len(together)] = together
+            if places is not None:
+                best_row = int(together[0])
+                placing = placed(verifier.mapped, fragment, found, together.tolist()).get(best_row)
+        if places is not None:
+            places.append(placing)
     return answers
+
+
+def add_error(errors: PoseErrors, placing: Placed | None, fragment: Fragment, truth: Floats, yaw: float) -> None:
+    """Count the error of a fragment's place, which truly is at (3,) ``truth``, metres, its frame turned by ``yaw``."""
+    if placing is not None:
+        errors.add(placing.of(fragment.origin) - truth, placing.yaw - yaw, placing.covariance)
 
 
 def sureness(verifier: LayoutVerifier, found: Verified, fragment: Fragment) -> float:

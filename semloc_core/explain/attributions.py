@@ -19,6 +19,20 @@ EXPLAINER_SEED = 0
 """Explainers that sample start from it at every answer: a replay explains as the node did, also from its middle."""
 
 
+def answer_evidence(located: Located, config: LocaliserConfig) -> ClassAttributions | None:
+    """What the decision rests on, exactly; None where nothing was put to the test.
+
+    Args:
+        located: the answer.
+        config: says the frame of the message.
+
+    """
+    if located.evidence is None:
+        return None
+    said = layout_attributions(located.evidence, located.map.model.labelspace.classes)
+    return _message(located, config, said, said.walls)
+
+
 def explain_answer(located: Located, config: LocaliserConfig) -> ClassAttributions:
     """Say which classes and objects carried an answer, and how well that holds when put to the test.
 
@@ -37,7 +51,10 @@ def explain_answer(located: Located, config: LocaliserConfig) -> ClassAttributio
     if located.best_row is None or query.batch is None or query.encoded is None:
         raise SemlocError(f"expected an answer with a match to explain (got {located.matches.status})")
     if config.explainer == LAYOUT:
-        return _message(located, config, *layout_attributions(located))
+        evidence = answer_evidence(located, config)
+        if evidence is None:
+            raise SemlocError("expected an answer that was put to the test by layout (got one that was not)")
+        return evidence
     target = torch.from_numpy(located.map.embeddings[located.best_row])
     question = SimilarityQuery.from_encoder(
         located.map.model.encoder,
@@ -76,4 +93,6 @@ def _message(
         unattributed=unattributed,
         fidelity=said.fidelity,
         completeness_gap=said.completeness_gap,
+        missed=said.missed,
+        walls=said.walls,
     )

@@ -73,7 +73,8 @@ def _try(
     keep[:, torch.from_numpy(objects)] = torch.from_numpy(~removed)
     embeddings = perturbed.embed(keep=keep).detach().cpu().numpy()
     rows, similarity = (x[:, 0] for x in loaded.search(embeddings, 1))
-    of_top = (embeddings @ loaded.embeddings[top]).astype(np.float64)
+    of_top = (embeddings.astype(np.float64) * loaded.embeddings[top]).sum(axis=1)
+    of_top = of_top.astype(np.float32).astype(np.float64)  # as a search rounds
     apart = np.linalg.norm(loaded.positions[rows] - loaded.positions[top], axis=1) > MATCH_RADIUS_M
     apart |= loaded.building_index[rows] != loaded.building_index[top]
     apart &= embeddings.any(axis=1)  # where nothing is left to say, there is no answer at all
@@ -112,7 +113,7 @@ def why_not(
         None where the place asked for is the top match.
 
     """
-    everywhere = loaded.embeddings @ z
+    everywhere = loaded.index.everywhere(z, 1)[2]
     top = listed[0]
     if top == row:
         return None

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from semloc_core.encoding import Batch, Encoded, Encoder, repeat
+from semloc_core.encoding import Batch, Encoded, Encoder, products, repeat
 from semloc_core.explain.scores import ObjectScores
 
 
@@ -37,7 +37,7 @@ def intrinsic_scores(
     else:
         rest = None
         with torch.inference_mode():
-            similarity = float(encoded.embedding[0] @ target)
+            similarity = float(products(encoded.embedding[0], target))
             parts = encoder.contributions(batch, target)
             if parts is not None:
                 method, values = "closed_form", parts[objects]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import msgspec
 import numpy as np
 import torch
 
@@ -16,8 +17,9 @@ from semloc_core.explain.layout_scores import LAYOUT, layout_attributions
 from semloc_core.explain.scores import class_scores, object_scores
 from semloc_core.explain.similarity import SimilarityQuery
 from semloc_core.explain.without_class import without_classes
-from semloc_core.matching import Located
-from semloc_core.wire import ExplainRequest, Explanation, MethodAttributions
+from semloc_core.map_database import LoadedMap
+from semloc_core.matching import Evidence, Located, evidence_at, verifier_of
+from semloc_core.wire import ExplainRequest, Explanation, MethodAttributions, PlaceEvidence
 
 SEED = 0
 """Explainers that sample start from it at every request, so that the same question has the same answer."""
@@ -104,23 +106,38 @@ def check_asked(methods: Sequence[str]) -> None:
             raise ConfigError(f"expected explainers among {', '.join(known)} (got {method!r})")
 
 
-def asked_methods(located: Located, row: int, methods: Sequence[str] | None) -> list[str]:
-    """The methods to explain a place by; None: all that apply to it.
+def asked_methods(located: Located, methods: Sequence[str] | None) -> list[str]:
+    """The methods to explain a pair by; None: all that apply to the answer.
 
     Raises:
-        ConfigError: no such explainer, or ``layout`` of a place other than the published one.
+        ConfigError: no such explainer, or ``layout`` of an answer that was not put to the test.
 
     """
-    tested = _was_tested(located, row)
-    methods = list(EXPLAINERS) + [LAYOUT] * tested if methods is None else list(methods)
+    methods = list(EXPLAINERS) + [LAYOUT] * (located.evidence is not None) if methods is None else list(methods)
     check_asked(methods)
-    if LAYOUT in methods and not tested:
-        raise ConfigError("expected layout asked of the published place, which was put to the test (got another one)")
+    if LAYOUT in methods and located.evidence is None:
+        raise ConfigError("expected layout asked of an answer that was put to the test (got one that was not)")
     return methods
 
 
-def _was_tested(located: Located, row: int) -> bool:
-    return located.evidence is not None and located.best_row == row
+def _evidence(located: Located, row: int) -> Evidence | None:
+    """The test taken apart at any place of the map; None for an answer that was not put to it."""
+    verifier = verifier_of(located.map)
+    if located.evidence is None or verifier is None or row == located.evidence.row:
+        return located.evidence
+    return evidence_at(verifier, located.evidence.fragment, row)
+
+
+def _place_evidence(loaded: LoadedMap, evidence: Evidence) -> PlaceEvidence:
+    said = layout_attributions(evidence, loaded.model.labelspace.classes)
+    return PlaceEvidence(
+        map=loaded.buildings[int(loaded.building_index[evidence.row])],
+        place=loaded.place_ids[evidence.row],
+        score=evidence.score,
+        objects=said.objects,
+        missed=said.missed or [],
+        walls=-evidence.walls,
+    )
 
 
 def explain_pair(
@@ -135,36 +152,37 @@ def explain_pair(
 ) -> Explanation:
     """Explain a query and a place of the map by several methods, with a counterfactual and a contrast to the top match.
 
-    The top match is the answer's, after verification by layout where that is on. What is explained is the embedding's
-    similarity; of the published place also the test by layout, by the method of that name, and what the answer would be
-    without each class. Contrast and counterfactual say nothing of layout.
+    The top match is the answer's, after verification by layout where that is on. The method ``layout`` takes that test
+    apart at the place, which is put to it if it was not, and so does the contrast at both; the other methods, and the
+    counterfactual, are about the embedding's similarity. Of the published place: what the answer would be without each
+    class.
 
     Args:
         located: an answer with an embedded query.
         row: row of the place in the map.
-        methods: explainers; None: all, ``layout`` where the place was put to the test.
+        methods: explainers; None: all, ``layout`` where the answer was put to the test.
         stamp_ns: of the message, nanoseconds.
         seq: of the message.
         frame_id: of the message.
         seed: of explainers that sample; each starts from it, so that a method says the same whoever is asked beside it.
 
     Raises:
-        ConfigError: no such explainer, or ``layout`` of a place other than the published one.
+        ConfigError: no such explainer, or ``layout`` of an answer that was not put to the test.
         GraphError: the query was not embedded.
 
     """
-    tested = _was_tested(located, row)
-    methods = asked_methods(located, row, methods)
+    methods = asked_methods(located, methods)
     loaded, query = located.map, located.query
     if query.batch is None or query.encoded is None:
         raise GraphError(f"expected a query to explain (got none: {query.reason})")
     encoder, names = loaded.model.encoder, query.class_names
     target = torch.from_numpy(loaded.embeddings[row])
     question = SimilarityQuery.from_encoder(encoder, query.batch, target, names, query.encoded)
+    evidence = _evidence(located, row)
     said = []
     for method in methods:
-        if method == LAYOUT:
-            said.append(layout_attributions(located)[0])
+        if method == LAYOUT and evidence is not None:
+            said.append(layout_attributions(evidence, loaded.model.labelspace.classes))
             continue
         scores = explain(question, method, np.random.default_rng(seed))
         said.append(
@@ -178,6 +196,10 @@ def explain_pair(
         )
     z = query.encoded.embedding[0].numpy()
     perturbed = PerturbedEncoder(encoder, query.batch)
+    contrast = why_not(loaded, perturbed, names, z, row, _listed(located), np.random.default_rng(seed))
+    if contrast is not None and evidence is not None and located.evidence is not None:
+        both = [_place_evidence(loaded, of) for of in (evidence, located.evidence)]
+        contrast = msgspec.structs.replace(contrast, evidence=both)
     return Explanation(
         schema="semloc/explanation/1",
         stamp_ns=stamp_ns,
@@ -189,6 +211,6 @@ def explain_pair(
         similarity=question.full,
         methods=said,
         counterfactual=counterfactual(loaded, perturbed, names, z),
-        why_not=why_not(loaded, perturbed, names, z, row, _listed(located), np.random.default_rng(seed)),
-        without=without_classes(located, perturbed) if tested else None,
+        why_not=contrast,
+        without=without_classes(located, perturbed) if evidence is not None and evidence is located.evidence else None,
     )

@@ -16,7 +16,17 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from semloc_core.encoding import FEW, NODES_AT_ONCE, Batch, Encoded, Encoder, PerturbedEncoder, QueryEncoder, normal
+from semloc_core.encoding import (
+    FEW,
+    NODES_AT_ONCE,
+    Batch,
+    Encoded,
+    Encoder,
+    PerturbedEncoder,
+    QueryEncoder,
+    normal,
+    products,
+)
 from semloc_core.errors import ModelError
 from semloc_core.explain.intrinsic import intrinsic_scores
 from semloc_core.explain.scores import ObjectScores
@@ -102,7 +112,7 @@ class SimilarityQuery:
             with torch.inference_mode():
                 return intrinsic_scores(encoder, batch, encoder.encode(batch), class_names, target)
 
-        known = float(encoded.embedding[0] @ target) if encoded is not None else None
+        known = float(products(encoded.embedding[0], target)) if encoded is not None else None
         perturbed = PerturbedEncoder(encoder, batch, nodes_at_once, queries)
         return cls.from_perturbed(perturbed, target, class_names, intrinsic, known)
 
@@ -134,7 +144,7 @@ class SimilarityQuery:
 
         def similarity(features: Tensor | None = None, keep: Tensor | None = None) -> Tensor:
             with torch.inference_mode(False):
-                return perturbed.embed(features, keep) @ target
+                return products(perturbed.embed(features, keep), target)
 
         batch = perturbed.batch
         rows = np.flatnonzero(batch.is_object.numpy())

@@ -31,7 +31,8 @@ def without_classes(located: Located, perturbed: PerturbedEncoder, most: int = M
     """
     verifier, names = verifier_of(located.map), located.map.model.labelspace.classes
     assert verifier is not None, "expected the map of an answer that was put to the test"
-    seen = [of.class_ for of in layout_attributions(located)[0].classes if of.instances][:most]
+    assert located.evidence is not None, "expected an answer that was put to the test"
+    seen = [of.class_ for of in layout_attributions(located.evidence, names).classes if of.instances][:most]
     return [_without(located, perturbed, verifier, names.index(name)) for name in seen]
 
 
@@ -41,7 +42,7 @@ def _without(located: Located, perturbed: PerturbedEncoder, verifier: LayoutVeri
     fragment = evidence.fragment.without(class_)
     stays = [not name or labelspace.index(name) != class_ for name in located.query.class_names]
     z = perturbed.embed(keep=torch.tensor([stays]))[0].numpy()
-    found = verifier.verify(fragment, loaded.embeddings @ z)
+    found = verifier.verify(fragment, loaded.index.everywhere(z, 1)[2])
     name = labelspace.classes[class_]
     if found is None:
         return WithoutClass(class_=name, map=None, place=None, probability=0.0, same=False)

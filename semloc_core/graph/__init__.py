@@ -5,19 +5,26 @@ from typing import TYPE_CHECKING
 from semloc_core.exports import exports
 
 if TYPE_CHECKING:
+    from semloc_core.graph.ages import Ages, Way
     from semloc_core.graph.arrays import Floats, GraphArrays, Ints
+    from semloc_core.graph.classes import Labels, Reading, advice, all_unknown, read_graph
     from semloc_core.graph.delta import GraphDeltas
     from semloc_core.graph.geodesic import ball, many_balls, ranges
     from semloc_core.graph.labelspace import (
+        LARGEST_ID,
         Labelspace,
         all_numbers,
         count_unknown,
+        is_nameless,
         labelspace_from_hydra,
+        lacks,
         listed,
         load_labelspace,
-        load_synonyms,
+        number_of,
         union,
     )
+    from semloc_core.graph.node_ids import full_id, short_id
+    from semloc_core.graph.repair import mend
     from semloc_core.graph.resample import carried_sightings, nearest_parents, place_spacing, resample_places
     from semloc_core.graph.scene_graph import Change, SceneGraph
     from semloc_core.graph.stream import Outcome, UpdateStream
@@ -26,8 +33,9 @@ else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "Change", "Floats", "GraphArrays", "GraphDeltas", "Ints", "Labelspace", "Outcome", "SceneGraph", "UpdateStream",
-    "Visibility", "all_numbers", "ball", "carried_sightings", "count_unknown", "labelspace_from_hydra", "listed",
-    "load_labelspace", "load_synonyms", "many_balls", "nearest_parents", "object_distances", "place_spacing", "ranges",
-    "resample_places", "union", "visible_pairs",
+    "Ages", "Change", "Floats", "GraphArrays", "GraphDeltas", "Ints", "LARGEST_ID", "Labels", "Labelspace", "Outcome",
+    "Reading", "SceneGraph", "UpdateStream", "Visibility", "Way", "advice", "all_numbers", "all_unknown", "ball",
+    "carried_sightings", "count_unknown", "full_id", "is_nameless", "labelspace_from_hydra", "lacks", "listed",
+    "load_labelspace", "many_balls", "mend", "nearest_parents", "number_of", "object_distances", "place_spacing",
+    "ranges", "read_graph", "resample_places", "short_id", "union", "visible_pairs",
 ]  # fmt: skip

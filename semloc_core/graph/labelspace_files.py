@@ -31,14 +31,14 @@ class LabelspaceFile(msgspec.Struct, forbid_unknown_fields=True):
 
     name: str
     classes: list[ClassRow]
-    synonyms: dict[str, str] = {}
+    synonyms: dict[str | int, str] = {}
     default_mobility: float = 0.1
 
 
 class SynonymsFile(msgspec.Struct, forbid_unknown_fields=True):
     """A synonym file."""
 
-    synonyms: dict[str, str]
+    synonyms: dict[str | int, str]
 
 
 class _Loader(yaml.SafeLoader):
@@ -79,7 +79,7 @@ def read_labelspace_file(path: str | Path) -> LabelspaceFile:
     return _read(path, LabelspaceFile)
 
 
-def read_synonyms_file(path: str | Path) -> dict[str, str]:
+def read_synonyms_file(path: str | Path) -> dict[str | int, str]:
     """Read a synonym file.
 
     Raises:

@@ -18,9 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoding import embed_graph
+from semloc_core.encoding import embed_graph, similarity_matrix
 from semloc_core.explain import BUDGET
 from semloc_core.introspection.class_ablation import without_class
 from semloc_core.introspection.class_lift import lift, of_class
@@ -180,7 +179,7 @@ class _Losses:
         def judge(name: str | None) -> WeightedPrecision:
             a, b = (g if name is None else without_class(g, space, name) for g in (run.query, run.reference))
             z = embed_graph(run.model, a)[run.judged], embed_graph(run.model, b)[run.judged]
-            return WeightedPrecision(metrics.similarity_matrix(*z), positive)
+            return WeightedPrecision(similarity_matrix(*z), positive)
 
         self._whole, self._without = judge(None), {name: judge(name) for name in names}
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoding import Model, build_encoder, embed_graph
+from semloc_core.encoding import Model, build_encoder, embed_graph, similarity_matrix
 from semloc_core.graph import GraphArrays
 from semloc_core.introspection.run import Run
 from semloc_core.training import positive_pairs
@@ -48,7 +48,7 @@ def matrices(run: Run) -> Matrices:
         run.model.encoder.name: run.model,
     }
     similarity = {
-        name: metrics.similarity_matrix(embed_graph(m, run.query)[places], embed_graph(m, run.reference)[places])
+        name: similarity_matrix(embed_graph(m, run.query)[places], embed_graph(m, run.reference)[places])
         for name, m in models.items()
     }
     return Matrices(

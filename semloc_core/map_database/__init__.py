@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     )
     from semloc_core.map_database.stored.schema import MAX_BLOB_BYTES, read
     from semloc_core.map_database.stored.write import check_in_graph, stored_building
-    from semloc_core.map_database.weights import class_name, class_weights, object_weights
+    from semloc_core.map_database.weights import class_weights, object_weights
 else:
     __getattr__ = exports(__name__)
 
@@ -47,8 +47,7 @@ __all__ = [
     "ClassChange", "ExactSearch", "FIRST_SEEN", "History", "InvertedSearch", "LoadedMap", "MAX_BLOB_BYTES",
     "MAX_BUILDINGS", "MAX_GRAPH_BYTES", "MAX_HISTORY_BYTES", "MapDatabase", "MapMeta", "Note", "ObjectBelief",
     "PackedGraph", "PlaceRows", "ReadableMap", "StoredBuilding", "Traversal", "Whole", "WritableMap", "assemble",
-    "building_digest", "check_hash", "check_in_graph", "check_name", "check_places", "class_name", "class_weights",
-    "content_hash", "describe", "describe_building", "describe_meta", "load", "matching_buildings", "move_rates",
-    "object_weights", "pack_graph", "pack_history", "read", "read_meta", "stored_building", "unpack_graph",
-    "unpack_history",
+    "building_digest", "check_hash", "check_in_graph", "check_name", "check_places", "class_weights", "content_hash",
+    "describe", "describe_building", "describe_meta", "load", "matching_buildings", "move_rates", "object_weights",
+    "pack_graph", "pack_history", "read", "read_meta", "stored_building", "unpack_graph", "unpack_history",
 ]  # fmt: skip

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from semloc_core.encoding import Batch, Model, QueryEncoder
 from semloc_core.errors import MapError
-from semloc_core.graph import SceneGraph
+from semloc_core.graph import SceneGraph, read_graph
 from semloc_core.map_database.building_patterns import matching_buildings
 from semloc_core.map_database.history import ClassChange, History, unpack_history
 from semloc_core.map_database.search.exact import ExactSearch
@@ -173,8 +173,8 @@ class LoadedMap:
         return found
 
     def graph(self, building: str) -> SceneGraph:
-        """The scene graph that a building's places come from: unpacked at each call, as it was at loading."""
-        return unpack_graph(self._stored(building).graph)
+        """The scene graph that a building's places come from: unpacked at each call, its classes by the map's names."""
+        return read_graph(unpack_graph(self._stored(building).graph), self.model.labelspace)
 
     def history(self, building: str) -> History:
         """What traversals have told of a building since it was mapped; empty for a map that no file holds."""

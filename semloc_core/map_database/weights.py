@@ -43,12 +43,6 @@ def object_weights(
     persistence = {key: belief.persistence for key, belief in history.objects.items()}
     usual = ObjectBelief().persistence if history.traversals else 1.0
     return {
-        key: persistence.get(key, usual) * of_class.get(class_name(thing.class_, labelspace), 1.0)
+        key: persistence.get(key, usual) * of_class.get(labelspace.canonical(thing.class_), 1.0)
         for key, thing in graph.objects.items()
     }
-
-
-def class_name(name: str, labelspace: Labelspace) -> str:
-    """The labelspace's own name of a class; as it is where the labelspace lacks it."""
-    index = labelspace.index(name)
-    return labelspace.classes[index] if index >= 0 else name

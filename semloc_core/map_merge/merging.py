@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
+from semloc_core.encoding import similarity_matrix
 from semloc_core.errors import MapError
 from semloc_core.graph import Floats, Ints, SceneGraph
 from semloc_core.map_database import ClassChange, History, ObjectBelief, Traversal
@@ -92,7 +93,7 @@ def lay(mapped: Side, seen: Side, config: MergeConfig, name: str = "") -> Alignm
         if not side.arrays.n_places or not side.arrays.n_objects:
             raise MapError(f"expected places and objects to lay {what} by (got none)")
     number = {each: i for i, each in enumerate(sorted({*mapped.names, *seen.names}))}
-    similarity = seen.embeddings @ mapped.embeddings.T
+    similarity = similarity_matrix(seen.embeddings, mapped.embeddings)
     return align(mapped.scene(number), seen.scene(number), similarity, config, name)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from semloc_core.encoding import place_cells
 from semloc_core.graph import GraphArrays, Labelspace, SceneGraph
-from semloc_core.map_database import ObjectBelief, class_name
+from semloc_core.map_database import ObjectBelief
 from semloc_core.map_merge.align import Scene
 
 
@@ -35,7 +35,7 @@ class Side:
     def of(cls, graph: SceneGraph, labelspace: Labelspace, embeddings: NDArray[np.float32]) -> Side:
         """Freeze a graph; ``embeddings`` are of its places by rising id."""
         arrays = GraphArrays.from_scene_graph(graph, labelspace)
-        names = tuple(class_name(graph.objects[key].class_, labelspace) for key in arrays.object_ids)
+        names = tuple(labelspace.canonical(graph.objects[key].class_) for key in arrays.object_ids)
         return cls(graph, arrays, names, embeddings)
 
     def scene(self, number: Mapping[str, int]) -> Scene:

@@ -5,12 +5,13 @@ from typing import TYPE_CHECKING
 from semloc_core.exports import exports
 
 if TYPE_CHECKING:
-    from semloc_core.matching.answer import Localisation, Located, Query, ServerState, matches_of
+    from semloc_core.matching.answer import Localisation, Located, Query, ServerState, matches_of, pose_in, transform_of
     from semloc_core.matching.layout.building.layout import LayoutPart
     from semloc_core.matching.layout.confidence import FEATURES, SHARPNESS, Calibration, confidence, features
     from semloc_core.matching.layout.config import LayoutConfig
-    from semloc_core.matching.layout.evidence import Evidence
+    from semloc_core.matching.layout.evidence import Evidence, evidence_at
     from semloc_core.matching.layout.fragment import Fragment, fragment_of_arrays, fragment_of_graph
+    from semloc_core.matching.layout.pose.placed import Placed, placed
     from semloc_core.matching.layout.verifier import LayoutVerifier, Verified
     from semloc_core.matching.observation import (
         REACH_M,
@@ -30,9 +31,9 @@ else:
 
 __all__ = [
     "CANDIDATES", "Calibration", "Evidence", "FEATURES", "Fragment", "IN_MAP", "LayoutConfig", "LayoutPart",
-    "LayoutVerifier", "Localisation", "Located", "ObservationConfig", "ObservationModel", "Query", "REACH_M",
+    "LayoutVerifier", "Localisation", "Located", "ObservationConfig", "ObservationModel", "Placed", "Query", "REACH_M",
     "RING_CENTRES_M", "RIVALS", "RadiusIndex", "Ranking", "Reranked", "Reranker", "SHARPNESS", "ServerState",
-    "Surroundings", "Verified", "confidence", "features", "fragment_of_arrays", "fragment_of_graph", "layout_part",
-    "matches_of", "modes", "place_probabilities", "ring_shares", "share_verifier", "slot_distances", "surroundings",
-    "verifier_of",
+    "Surroundings", "Verified", "confidence", "evidence_at", "features", "fragment_of_arrays", "fragment_of_graph",
+    "layout_part", "matches_of", "modes", "place_probabilities", "placed", "pose_in", "ring_shares", "share_verifier",
+    "slot_distances", "surroundings", "transform_of", "verifier_of",
 ]  # fmt: skip

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +13,9 @@ from semloc_core.encoding import Batch, Encoded
 from semloc_core.graph import Outcome
 from semloc_core.map_database import LoadedMap
 from semloc_core.matching.layout.evidence import Evidence
+from semloc_core.matching.layout.pose.placed import NO_YAW, Placed
 from semloc_core.matching.posterior import Ranking
-from semloc_core.wire import ClassAttributions, Match, PlaceMatches
+from semloc_core.wire import ClassAttributions, Match, PlaceMatches, Pose, Transform
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +59,15 @@ class Localisation:
     Attributes:
         outcome: what became of the update.
         located: the answer; None where the update was dropped as a repeat.
-        attributions: why; None where none were due.
+        attributions: what the encoder looked at, or another explainer says; None where none were due.
+        evidence: what the decision rests on; None where nothing was put to the test.
 
     """
 
     outcome: Outcome
     located: Located | None = None
     attributions: ClassAttributions | None = None
+    evidence: ClassAttributions | None = None
 
     @property
     def matches(self) -> PlaceMatches | None:
@@ -87,7 +92,11 @@ class ServerState:
 
 
 def matches_of(
-    loaded: LoadedMap, rows: NDArray[np.int64], ranking: Ranking, similarity: NDArray[np.float32]
+    loaded: LoadedMap,
+    rows: NDArray[np.int64],
+    ranking: Ranking,
+    similarity: NDArray[np.float32],
+    poses: Mapping[int, Pose] | None = None,
 ) -> list[Match]:
     """Rows of a map as a message lists them.
 
@@ -96,8 +105,10 @@ def matches_of(
         rows: (K,) best first.
         ranking: has their probabilities.
         similarity: (M,) of the query to all places of the map.
+        poses: by row, where they are known.
 
     """
+    known = poses or {}
     return [
         Match(
             rank=rank,
@@ -106,6 +117,36 @@ def matches_of(
             position=tuple(loaded.positions[row].tolist()),
             similarity=float(similarity[row]),
             probability=ranking.probability[row],
+            pose=known.get(row),
         )
         for rank, row in enumerate(rows.tolist(), 1)
     ]
+
+
+def pose_in(placed: Placed, point: NDArray[np.float64], yaw: float | None) -> Pose:
+    """The pose of a robot in the building that its frame is placed in.
+
+    Args:
+        placed: the frame.
+        point: (3,) where the robot is in it, metres.
+        yaw: its heading there, radians; None where that is not known.
+
+    """
+    covariance = placed.covariance_at(point)
+    heading = None if yaw is None else math.remainder(placed.yaw + yaw, 2 * math.pi)
+    if heading is None:
+        covariance[3], covariance[:, 3] = 0.0, 0.0
+        covariance[3, 3] = NO_YAW
+    # A heading of which nothing is known has this variance: no greater one means anything.
+    elif covariance[3, 3] > NO_YAW:
+        shrink = math.sqrt(NO_YAW / covariance[3, 3])
+        covariance[3] *= shrink
+        covariance[:, 3] *= shrink
+    x, y, z = placed.of(point).tolist()
+    return Pose((x, y, z), heading, covariance.ravel().tolist())
+
+
+def transform_of(placed: Placed) -> Transform:
+    """The same frame as a message has it."""
+    x, y, z = placed.translation.tolist()
+    return Transform((x, y, z), math.remainder(placed.yaw, 2 * math.pi))

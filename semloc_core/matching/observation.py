@@ -130,25 +130,29 @@ class ObservationModel:
         frequency = (near / max(near.sum(), 1.0) + 0.1 / c) / 1.1
         rate = config.detected * mapped.objects / (mapped.places[:, None] + 1.0)
         rate += np.float32(config.invented) * frequency[None, :, None].astype(np.float32)
-        self._log_rate: Floats = np.ascontiguousarray(np.log(rate).reshape(m, c * r), dtype=np.float32)
-        self._total: Floats = np.ascontiguousarray(rate.sum(axis=1), dtype=np.float32)
+        self._log_rate: Floats = np.ascontiguousarray(np.log(rate).reshape(m, c * r).T, dtype=np.float32)
+        self._total: Floats = np.ascontiguousarray(rate.sum(axis=1).T, dtype=np.float32)
         self._room: Floats = np.float32(config.slack) * mapped.places + np.float32(1.0)
         self._shape = np.float32(config.shape)
 
     @property
     def n_places(self) -> int:
         """M."""
-        return len(self._total)
+        return int(self._total.shape[1])
 
     @property
     def n_rings(self) -> int:
         """R."""
-        return int(self._total.shape[1])
+        return len(self._total)
 
     def log_likelihood(self, seen: Surroundings) -> Floats:
-        """(N, M) float32: log-likelihood, up to a constant a row, of N observations at each place of the map."""
+        """(N, M) float32: log-likelihood, up to a constant a row, of N observations at each place of the map.
+
+        Places with equal surroundings have equal ones: each sum is taken in the same order, which BLAS does not do.
+        """
         counts = seen.objects.reshape(len(seen.objects), -1)
-        result: Floats = counts @ self._log_rate.T - seen.places @ self._total.T
+        result: Floats = np.einsum("nk,km->nm", counts, self._log_rate)
+        result -= np.einsum("nr,rm->nm", seen.places, self._total)
         if self._shape:
             for row, places in zip(result, seen.places, strict=True):
                 row -= self._shape * np.maximum(places - self._room, np.float32(0.0)).sum(axis=1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -15,6 +15,7 @@ from semloc_core.matching.layout import LayoutPart, LayoutVerifier, Verified, fr
 from semloc_core.matching.layout.confidence import confidence
 from semloc_core.matching.layout.evidence import Evidence, evidence
 from semloc_core.matching.layout.fragment import Fragment
+from semloc_core.matching.layout.pose.placed import Placed, placed
 from semloc_core.matching.posterior import Ranking, modes
 
 Ints = NDArray[np.int64]
@@ -93,7 +94,13 @@ class Reranker:
         self._within = within
 
     def rank(
-        self, graph: SceneGraph, place: str, similarity: NDArray[np.float32], raw: Ints, top_n: int
+        self,
+        graph: SceneGraph,
+        place: str,
+        similarity: NDArray[np.float32],
+        raw: Ints,
+        top_n: int,
+        age: Callable[[str], float] | None = None,
     ) -> Reranked | None:
         """Test the likeliest places of the map for one place of a graph.
 
@@ -103,13 +110,14 @@ class Reranker:
             similarity: (M,) of the place's embedding to all places of the map.
             raw: rows of the search's answer, best first: they follow what was tested.
             top_n: how many places to list.
+            age: metres walked since an object last changed, by its id; None: all are new.
 
         Returns:
             The answer; None where no object around the robot fits anything in the map.
 
         """
         verifier = self._verifier
-        fragment = fragment_of_graph(graph, self._labelspace, place, verifier.config)
+        fragment = fragment_of_graph(graph, self._labelspace, place, verifier.config, age)
         found = verifier.verify(fragment, similarity)
         if found is None:
             return None
@@ -123,6 +131,10 @@ class Reranker:
         shown = np.concatenate([tested, rest])[:top_n]
         separate = np.array(modes(tested, self._within), dtype=np.int64)
         return Reranked(Ranking(shown, separate, probability, sure.in_map), found, fragment)
+
+    def placed(self, tested: Reranked, rows: Sequence[int], near: bool = False) -> Mapping[int, Placed]:
+        """Where the robot's frame lies in the buildings of rows of the map, see `layout.pose.placed`."""
+        return placed(self._verifier.mapped, tested.fragment, tested.verified, rows, near)
 
     def evidence(self, tested: Reranked, row: int) -> Evidence | None:
         """What the test rests on at a row of the map; None for one that was not tested."""

@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from semloc_core.metrics.calibration import BINS, accepted_share, expected_calibration_error
     from semloc_core.metrics.intervals import Statistic, bootstrap, squares
     from semloc_core.metrics.pivot import Pivot, online_pivots
+    from semloc_core.metrics.pose_error import Floats, Histogram, PoseErrors
     from semloc_core.metrics.precision_recall import (
         RANKS,
         bootstrap_interval,
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
         mean_and_deviation,
         pr_auc,
         retrieval,
-        similarity_matrix,
         top,
     )
     from semloc_core.metrics.rows import Progress, Row, no_progress
@@ -26,8 +26,8 @@ else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "BINS", "HIGH", "LOW", "Pivot", "Progress", "RANKS", "Row", "STD", "Statistic", "WeightedPrecision",
-    "accepted_share", "bootstrap", "bootstrap_interval", "cell", "columns", "document", "expected_calibration_error",
-    "f1_at", "fit_threshold", "mean_and_deviation", "no_progress", "online_pivots", "pr_auc", "print_table",
-    "retrieval", "similarity_matrix", "squares", "top",
+    "BINS", "Floats", "HIGH", "Histogram", "LOW", "Pivot", "PoseErrors", "Progress", "RANKS", "Row", "STD",
+    "Statistic", "WeightedPrecision", "accepted_share", "bootstrap", "bootstrap_interval", "cell", "columns",
+    "document", "expected_calibration_error", "f1_at", "fit_threshold", "mean_and_deviation", "no_progress",
+    "online_pivots", "pr_auc", "print_table", "retrieval", "squares", "top",
 ]  # fmt: skip

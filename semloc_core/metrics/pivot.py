@@ -42,6 +42,14 @@ def online_pivots(rows: Sequence[Row]) -> list[Pivot]:
     any_home = Pivot("success@1, every building searched")
     known = Pivot("success@1, building known")
     error = Pivot("calibration error, every building searched")
+    posed = {
+        "position_error_m": Pivot("position error (m) of right answers, median"),
+        "position_error_m_p90": Pivot("position error (m) of right answers, 90 %"),
+        "heading_error_deg": Pivot("heading error (degrees) of right answers, median"),
+        "heading_error_deg_p90": Pivot("heading error (degrees) of right answers, 90 %"),
+        "nees": Pivot("NEES of right answers, a degree of freedom: x, y, heading"),
+        "coverage": Pivot("right answers whose 95 % region holds the truth"),
+    }
     foreign = Pivot("foreign accepted: answers in a building that is not searched, 90 % of the right ones kept")
     wrong = Pivot("wrong accepted: wrong answers in a building that is searched, 90 % of the right ones kept")
     agreeing = Pivot("places that agree with all seen so far, median")
@@ -60,10 +68,12 @@ def online_pivots(rows: Sequence[Row]) -> list[Pivot]:
         metres = scope.removeprefix(FOREIGN).removesuffix("m") + " m"
         (any_home if row.get("home") == "any" else known).put(method, metres, row.get("success@1"))
         error.put(method, metres, row.get("ece"))
+        for name, pivot in posed.items():
+            pivot.put(method, metres, row.get(name))
         foreign.put(method, metres, row.get("foreign_accepted"))
         wrong.put(method, metres, row.get("wrong_accepted"))
         agreeing.put(method, metres, row.get("agreeing"))
-    found = (any_home, known, error, foreign, wrong, agreeing, kidnapped)
+    found = (any_home, known, error, *posed.values(), foreign, wrong, agreeing, kidnapped)
     for pivot in found[:-1]:  # a scope may have no figure of the first method
         pivot.columns.sort(key=lambda column: float(column.removesuffix(" m")))
     return [pivot for pivot in found if pivot.lines]

@@ -27,27 +27,6 @@ Ints = NDArray[np.int64]
 RANKS = (1, 5, 10)
 
 
-def similarity_matrix(queries: Similarities, places: Similarities, decimals: int = 6) -> Similarities:
-    """Cosine similarity of unit rows, rounded.
-
-    A matrix product gives equal columns values that differ in the last bit, by where they stand in a block;
-    rounding makes them equal again, so that ties are ties on every machine.
-
-    Args:
-        queries: (Q, D) float32 unit rows (a zero row has similarity 0 with everything).
-        places: (M, D) float32 unit rows.
-        decimals: kept digits.
-
-    Returns:
-        (Q, M) float32.
-
-    """
-    similarity = (queries @ places.T).astype(np.float32, copy=False)
-    np.round(similarity, decimals, out=similarity)
-    similarity += np.float32(0.0)  # -0.0 becomes 0.0
-    return similarity
-
-
 def pr_auc(similarity: Similarities, positive: Bools) -> float:
     """Area under the precision–recall curve over all pairs (scikit-learn's average precision).
 

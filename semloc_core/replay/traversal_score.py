@@ -6,35 +6,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
+from semloc_core.metrics import Floats, Histogram, PoseErrors
 from semloc_core.wire import PlaceMatches, Position
 
 FROM_METRES = (0.0, 5.0, 10.0, 20.0, 40.0)
 """Where the distance brackets begin; a row's scope is the bracket's beginning (``5m``: 5 m to 10 m)."""
 TOP = (1, 5, 10)
-_LOWEST_MS, _RATIO, _BINS = 1e-3, 1.01, 2000
+LatencyHistogram = Histogram
 
 
-class LatencyHistogram:
-    """Percentiles of a stream of durations or lengths, to 1 %, in fixed memory: logarithmic bins from 1 µs, or 1 mm."""
-
-    def __init__(self) -> None:
-        self._counts: NDArray[np.int64] = np.zeros(_BINS, dtype=np.int64)
-
-    def add(self, milliseconds: float) -> None:
-        """Count one duration."""
-        position = np.log(max(milliseconds, _LOWEST_MS) / _LOWEST_MS) / np.log(_RATIO)
-        self._counts[min(int(position), _BINS - 1)] += 1
-
-    def percentile(self, percent: float) -> float | None:
-        """Milliseconds that ``percent`` of the durations do not exceed; None where none was counted."""
-        total = int(self._counts.sum())
-        if total == 0:
-            return None
-        position = int(np.searchsorted(np.cumsum(self._counts), np.ceil(total * percent / 100.0)))
-        return float(_LOWEST_MS * _RATIO ** (position + 0.5))
+def error_of(answer: PlaceMatches, position: Position, yaw: float | None) -> tuple[Floats, float | None, Floats] | None:
+    """What `PoseErrors.add` takes of an answer's first match; None where that has no pose."""
+    pose = answer.matches[0].pose if answer.matches else None
+    if pose is None:
+        return None
+    heading = None if yaw is None or pose.yaw is None else pose.yaw - yaw
+    return np.subtract(pose.position, position), heading, np.array(pose.covariance).reshape(4, 4)
 
 
 @dataclass
@@ -44,7 +33,8 @@ class _Bracket:
     accepted: int = 0
     accepted_right: int = 0
     right: dict[int, int] = field(default_factory=lambda: dict.fromkeys(TOP, 0))
-    off_m: LatencyHistogram = field(default_factory=LatencyHistogram)
+    off_m: Histogram = field(default_factory=Histogram)
+    poses: PoseErrors = field(default_factory=PoseErrors)
 
 
 def right_matches(answer: PlaceMatches, building: str, position: Position) -> list[bool]:
@@ -85,13 +75,14 @@ class TraversalScore:
             return frame_id
         return self._buildings[0] if len(self._buildings) == 1 else None
 
-    def add(self, answer: PlaceMatches, position: Position, frame_id: str) -> bool:
+    def add(self, answer: PlaceMatches, position: Position, frame_id: str, yaw: float | None = None) -> bool:
         """Score one answer.
 
         Args:
             answer: the published matches.
             position: where the robot truly was (m), in the frame ``frame_id``.
             frame_id: of the truth; a building's name, or anything where the map has one building only.
+            yaw: where it truly headed, radians, in the same frame; None where that is not known.
 
         Returns:
             Whether the answer could be scored.
@@ -105,6 +96,7 @@ class TraversalScore:
             self._travelled += float(np.linalg.norm(np.subtract(position, self._last[1])))
         self._last = (frame_id, position)
         near = right_matches(answer, building, position)
+        error = error_of(answer, position, yaw)
         bracket = self._brackets[int(np.searchsorted(FROM_METRES, self._travelled, side="right")) - 1]
         for tally in (bracket, self._total):
             tally.queries += 1
@@ -116,6 +108,8 @@ class TraversalScore:
                 tally.right[n] += any(near[:n])
             if near and near[0]:
                 tally.off_m.add(float(np.linalg.norm(np.subtract(answer.matches[0].position, position))))
+                if error is not None:
+                    tally.poses.add(*error)
         return True
 
     def rows(self, method: str) -> list[dict[str, object]]:
@@ -123,6 +117,7 @@ class TraversalScore:
 
         ``answered``: share of queries with any match listed (an unanswered one counts as wrong);
         ``accepted``: share with status ``match``; ``precision``: share of those that are right (null where none);
+        Figures of `PoseErrors` are of the first match's pose, where that match is right.
         ``error_m``: median distance (m) of the first match from the truth, where that match is right (null where none).
         """
         brackets = [(f"{start:g}m", b) for start, b in zip(FROM_METRES, self._brackets, strict=True)]
@@ -136,6 +131,7 @@ class TraversalScore:
                 "accepted": b.accepted / b.queries,
                 "precision": b.accepted_right / b.accepted if b.accepted else None,
                 "error_m": b.off_m.percentile(50),
+                **b.poses.figures(),
             }
             for scope, b in [*brackets, ("all", self._total)]
             if b.queries

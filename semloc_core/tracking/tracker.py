@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph import SceneGraph
+from semloc_core.graph import SceneGraph, Way
 from semloc_core.map_database import LoadedMap
 from semloc_core.matching import RIVALS, SHARPNESS, Ranking, Verified, surroundings
 from semloc_core.tracking.place_filter import FilterConfig, MapModel, MapPart, PlaceFilter, joined_model, map_part
-from semloc_core.wire import Odometry, Position
-
-STANDS_STILL_M = 0.3
-"""The robot has not moved before it is so far from where it last had: odometry's jitter is no way walked."""
+from semloc_core.wire import Odometry
 
 
 class Tracker:
@@ -40,7 +35,7 @@ class Tracker:
         self._model = model or joined_model([filter_part(loaded, building) for building in loaded.buildings])
         self.filter = PlaceFilter(self._model, config)
         self._observed: tuple[SceneGraph, int] | None = None
-        self._stood: tuple[Position, bool] | None = None
+        self._way = Way()
         self._in_map = 0.0
 
     def observe(
@@ -67,18 +62,17 @@ class Tracker:
         if self._observed is not None and self._observed[0] is graph and self._observed[1] == graph.version:
             return
         self._observed = (graph, graph.version)
-        position = graph.places[place] if odometry is None else odometry.position
         seen = surroundings(graph, self._labelspace, [place])
         evidence = self._model.evidence(seen, similarity[None], self.filter.config)[0]
         if verified is not None:
             evidence = self._model.tested(evidence, verified.rows, verified.score.astype(np.float32), SHARPNESS)
         self._in_map = self._in_map if in_map is None else in_map
-        self.filter.update(evidence, self._walked(position, odometry is not None))
+        self.filter.update(evidence, self._way.step(graph.places[place], odometry))
 
     def carry_over(self, other: Tracker) -> None:
         """Go on with what another one knows, as far as its map has the same places of the same buildings."""
         self.filter.carry_over(other.filter, _same_places(self._map, other._map))
-        self._observed, self._stood, self._in_map = other._observed, other._stood, other._in_map
+        self._observed, self._way, self._in_map = other._observed, other._way, other._in_map
 
     def likely_buildings(self, least: float) -> tuple[str, ...]:
         """Buildings that the filter gives at least so much belief."""
@@ -91,16 +85,6 @@ class Tracker:
         # The filter believes that the robot is somewhere in the map; verification may know better.
         sure = (chances.astype(np.float64) * self._in_map).tolist()
         return Ranking(rows[:n], rows, dict(zip(rows.tolist(), sure, strict=True)), self._in_map)
-
-    def _walked(self, position: Position, by_odometry: bool) -> float:
-        if self._stood is None or self._stood[1] != by_odometry:  # positions of two kinds can't be compared
-            self._stood = (position, by_odometry)
-            return 0.0
-        metres = math.dist(self._stood[0], position)
-        if metres < STANDS_STILL_M:
-            return 0.0
-        self._stood = (position, by_odometry)
-        return metres
 
 
 def filter_part(loaded: LoadedMap, building: str) -> MapPart:

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from semloc_core.encoding import Encoder
+from semloc_core.encoding import Encoder, similarity_matrix
 from semloc_core.graph import Floats
-from semloc_core.metrics import pr_auc, similarity_matrix
+from semloc_core.metrics import pr_auc
 from semloc_core.training.config import TrainConfig
 from semloc_core.training.losses import build_loss, ignore_radius
 from semloc_core.training.split import Bools, Part

@@ -21,6 +21,7 @@ from semloc_core.wire.messages import (
 )
 
 QUATERNION_TOLERANCE = 1e-2  # publishers round; farther off than this it is not a rotation
+COVARIANCE_TOLERANCE = 1e-5  # numbers are rounded to 6 decimals on output
 SHARE_TOLERANCE = 1e-3  # shares are rounded to 6 decimals on output
 
 
@@ -81,8 +82,25 @@ def check_matches(message: PlaceMatches) -> None:
     """
     for name in ("matches", "raw_matches"):
         _check_ranks(name, getattr(message, name) or [])
+    for match in [*message.matches, *message.rivals]:
+        if match.pose is not None:
+            _check_covariance(match.pose.covariance)
+    for match in message.raw_matches or []:
+        if match.pose is not None:
+            raise MessageError(f"expected no pose in raw_matches, which were not tested (got one of {match.place!r})")
     if message.status == "match" and not message.matches:
         raise MessageError("expected at least one match with status 'match' (got none)")
+
+
+def _check_covariance(values: Sequence[float]) -> None:
+    size = math.isqrt(len(values))
+    for i in range(size):
+        if values[i * size + i] < 0:
+            raise MessageError(f"expected variances that are not negative (got {values[i * size + i]:.6g})")
+        for j in range(i):
+            a, b = values[i * size + j], values[j * size + i]
+            if abs(a - b) > COVARIANCE_TOLERANCE * max(abs(a), abs(b), 1.0):
+                raise MessageError(f"expected a symmetric covariance (got {a:.6g} and {b:.6g})")
 
 
 def _check_ranks(name: str, matches: Sequence[Match]) -> None:

@@ -15,6 +15,7 @@ Metres = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 Length = Annotated[float, msgspec.Meta(ge=0, le=1e9)]
 Position = tuple[Metres, Metres, Metres]
 Size = tuple[Length, Length, Length]
+Angle = Annotated[float, msgspec.Meta(ge=-3.1416, le=3.1416)]
 Fraction = Annotated[float, msgspec.Meta(ge=0, le=1)]
 Count = Annotated[int, msgspec.Meta(ge=0)]
 Rank = Annotated[int, msgspec.Meta(ge=1)]
@@ -41,10 +42,15 @@ class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"c
 
 
 class Odometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The robot's pose in the odometry frame (metres; unit quaternion x, y, z, w)."""
+    """The robot's pose in the odometry frame (metres; unit quaternion x, y, z, w).
+
+    Where ``frame_id`` is the update's, the pose is where the robot is among the places and objects; else it only says
+    how far the robot went.
+    """
 
     position: Position
     orientation_xyzw: tuple[float, float, float, float]
+    frame_id: str | None = None
 
 
 class SceneGraphUpdate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -65,10 +71,30 @@ class SceneGraphUpdate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     odometry: Odometry | None = None
 
 
+class Pose(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The robot's pose in the frame of the building of its match (m, rad).
+
+    ``covariance`` is row-major over x, y, z and yaw (m², rad²). ``yaw`` is null where the robot's heading in the
+    frame of its updates is not known: its variance is then π²/3, and 0 is between it and the rest.
+    """
+
+    position: Position
+    yaw: Angle | None
+    covariance: Annotated[list[float], msgspec.Meta(min_length=16, max_length=16)]
+
+
+class Transform(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """From the frame of the updates into a building's: turned by ``yaw`` about gravity, then moved (rad, m)."""
+
+    translation: Position
+    yaw: Angle
+
+
 class Match(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One place of the map. ``position`` (m) is in the frame of its building ``map``; ``rank`` counts from 1.
 
-    ``probability`` is P(this place lies within 4 m of the truth); the list's need not sum to 1.
+    ``probability`` is P(this place lies within 4 m of the truth); the list's need not sum to 1. ``pose`` is the robot's
+    if this answer is right; null for a place that was not put to the test by layout.
     """
 
     rank: Rank
@@ -77,6 +103,7 @@ class Match(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     position: Position
     similarity: float
     probability: Fraction
+    pose: Pose | None = None
 
 
 class MapInfo(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -99,7 +126,7 @@ class PlaceMatches(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     ``status`` is ``unknown`` where there is nothing to go by (no ``matches``), and where the robot is probably in no
     building of the map (``matches`` are the best of it). ``raw_matches`` is the similarity search's list where another
-    is published: verified by layout, or filtered.
+    is published: verified by layout, or filtered. ``transform`` is the best match's, null where its ``pose`` is.
     """
 
     schema: Literal["semloc/place_matches/1"]
@@ -115,6 +142,7 @@ class PlaceMatches(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     model: ModelInfo | None
     calibrated: bool
     latency_ms: Annotated[float, msgspec.Meta(ge=0)] | None
+    transform: Transform | None = None
 
 
 class ClassAttribution(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"class_": "class"}):
@@ -127,11 +155,12 @@ class ClassAttribution(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 
 
 class ObjectAttribution(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"class_": "class"}):
-    """One object's signed ``score``."""
+    """One object's signed ``score``; of ``layout`` also the ``mapped`` object that explains it, null if none does."""
 
     id: Name
     class_: Name
     score: float
+    mapped: Name | None = None
 
 
 class Fidelity(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -146,7 +175,10 @@ class Fidelity(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class ClassAttributions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Out: how much each semantic class contributed to the top match, by falling share.
 
-    ``unattributed`` is what the method gave to no object (attention that places kept), null where it has no meaning.
+    ``attention`` and its like say what the encoder's similarity rests on; ``layout``, the evidence, what the decision
+    does, in nats and exactly: there ``missed`` are mapped objects that should have been seen (``score`` < 0), and
+    ``walls`` (≤ 0) is what known places cost where the map has no room; null of other methods. ``unattributed`` is what
+    the method gave to no object (attention that places kept), null where it has no meaning.
     """
 
     schema: Literal["semloc/class_attributions/1"]
@@ -162,6 +194,8 @@ class ClassAttributions(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     fidelity: Fidelity | None
     completeness_gap: float | None
     unattributed: float | None = None
+    missed: list[ObjectAttribution] | None = None
+    walls: float | None = None
 
 
 class ExplainRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -189,6 +223,8 @@ class MethodAttributions(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     objects: list[ObjectAttribution]
     fidelity: Fidelity | None
     completeness_gap: float | None
+    missed: list[ObjectAttribution] | None = None
+    walls: float | None = None
 
 
 class ObjectName(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"class_": "class"}):
@@ -218,11 +254,23 @@ class ClassContrast(msgspec.Struct, frozen=True, forbid_unknown_fields=True, ren
     score: float
 
 
+class PlaceEvidence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the test by layout rests on at one place: ``score`` is the sum of the objects', the missed and the walls."""
+
+    map: str
+    place: Name
+    score: float
+    objects: list[ObjectAttribution]
+    missed: list[ObjectAttribution]
+    walls: float
+
+
 class WhyNot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Why the top match is (``map``, ``place``) and not the explained place, which is the ``rank``-th.
 
-    Classes are compared by similarity. Where the explained place is the more similar of the two, layout or a filter
-    put it behind. A place that the answer does not list ranks behind those listed and those more similar.
+    ``evidence`` is the test that decides taken apart at both, the explained place first, then the top match; null
+    where nothing was tested. ``classes`` compares the two by similarity, which only proposes. A place that the answer
+    does not list ranks behind those listed and those more similar.
     """
 
     map: str
@@ -230,6 +278,7 @@ class WhyNot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     similarity: float
     rank: Rank
     classes: list[ClassContrast]
+    evidence: list[PlaceEvidence] | None = None
 
 
 class WithoutClass(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"class_": "class"}):

@@ -24,6 +24,7 @@ from typing import Literal
 import numpy as np
 
 from semloc_core.explain import ClassShift, Shift
+from semloc_core.graph import all_numbers
 from semloc_core.wire import PlaceMatches
 from semloc_ros.explaining import ExplainCounts
 from semloc_ros.worker import Answer, Worker
@@ -173,7 +174,8 @@ def _map_line(worker: Worker) -> Line:
     if unknown:
         listed = ", ".join(f"{name} ({count})" for name, count in sorted(unknown.items()))
         values["classes that the labelspace lacks"] = listed
-        return Line("map", "warn", f"{text}; objects of classes it lacks are not used: {listed}", values)
+        helps = "; the bridge's parameter labelspace names numbers" if all_numbers(unknown) else ""
+        return Line("map", "warn", f"{text}; objects of classes it lacks are not used: {listed}{helps}", values)
     return Line("map", "ok", text, values)
 
 

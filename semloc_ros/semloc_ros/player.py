@@ -28,7 +28,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from semloc_core.errors import FileFormatError
-from semloc_core.graph import load_labelspace
+from semloc_core.graph import Reading
 from semloc_core.sources import (
     GROUND_TRUTH_TOPIC,
     SCENE_GRAPH_TOPIC,
@@ -52,6 +52,9 @@ class PlayerConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     ] = ""
     seed: Annotated[int, Meta(ge=0, le=2**31 - 1, description="seed of everything random")] = 0
     follow_poses: Annotated[bool, Meta(description="follow the file's agent poses, where it has them")] = True
+    robot: Annotated[
+        str, Meta(description="of several robots' poses, whose to follow, by its node ids' letter; empty: the first")
+    ] = ""
     loop: Annotated[bool, Meta(description="begin again at the end")] = False
     wait_for_subscribers: Annotated[
         int, Meta(ge=0, le=100, description="begin when so many subscribe to the updates")
@@ -77,12 +80,15 @@ class Player(Node):
     def _read_file(self) -> HydraFile:
         if not self._config.graph:
             raise FileFormatError("expected parameter 'graph' to name a Hydra file (got none)")
-        space = load_labelspace(self._config.labelspace) if self._config.labelspace else None
-        return read_hydra(self._config.graph, space)
+        file = read_hydra(self._config.graph, Reading.of(self._config.labelspace or None, None))
+        for line in file.decided:
+            self.get_logger().info(line)
+        return file
 
     def _walk(self) -> Iterator[Step]:
         """The steps, stamped from now on by the node's clock unless ``start_stamp_ns`` says otherwise."""
-        agents = self._file.agents if self._config.follow_poses and self._file.agents else None
+        follow = self._config.follow_poses and self._file.agents
+        agents = self._file.agents_of(self._config.robot or None) if follow else None
         for lap in itertools.count():
             config = self._simulation
             if not config.start_stamp_ns:

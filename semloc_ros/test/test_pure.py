@@ -288,7 +288,7 @@ def test_what_a_question_raises_goes_to_who_asked(worker):
 
 def test_hydras_binary_form_arrives_as_updates(assets):
     spark_dsg = pytest.importorskip("spark_dsg")
-    from semloc_ros.hydra_bridge import DsgStream
+    from semloc_core.sources import DsgStream
 
     graph = spark_dsg.DynamicSceneGraph.load(str(assets / "home.json"))
     stream, receiver = DsgStream(None, 5.0), UpdateStream()
@@ -311,7 +311,7 @@ def test_hydras_binary_form_arrives_as_updates(assets):
 
 def test_a_part_of_hydras_graph_leaves_the_rest_as_it_is(assets):
     spark_dsg = pytest.importorskip("spark_dsg")
-    from semloc_ros.hydra_bridge import DsgStream
+    from semloc_core.sources import DsgStream
 
     home = building.corridor()
     graph = spark_dsg.DynamicSceneGraph.load(str(assets / "home.json"))
@@ -338,9 +338,7 @@ def test_a_part_of_hydras_graph_leaves_the_rest_as_it_is(assets):
 
 
 def test_the_query_place_is_that_of_the_latest_pose():
-    from semloc_ros.hydra_bridge import query_place
-
-    from semloc_core.sources import AgentPose
+    from semloc_core.sources import AgentPose, query_place
 
     graph, upright = building.corridor(), (0.0, 0.0, 0.0, 1.0)
     names = sorted(graph.places, key=lambda name: graph.places[name][0])

@@ -3,7 +3,7 @@
 import pytest
 
 from semloc_core.cli.explain import _nearest
-from semloc_core.cli.explained import print_answer, print_explanation
+from semloc_core.cli.explained import print_answer, print_brief, print_explanation
 from semloc_core.errors import GraphError
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.wire.messages import (
@@ -14,7 +14,9 @@ from semloc_core.wire.messages import (
     Fidelity,
     Match,
     MethodAttributions,
+    ObjectAttribution,
     ObjectName,
+    PlaceEvidence,
     PlaceMatches,
     WhyNot,
     WithoutClass,
@@ -24,16 +26,16 @@ GRAPH = SceneGraph(places={"a": (0.0, 0.0, 0.0), "b": (3.0, 0.0, 2.0)}, neighbou
 
 
 def test_the_nearest_place_is_said_to_be_as_far_as_it_is() -> None:
-    assert _nearest(GRAPH, "2,1", 4.0) == ("b", ", 1.41 m from 2,1"), "without a height, in the plane"
-    assert _nearest(GRAPH, "2,1,0", 4.0) == ("a", ", 2.24 m from 2,1,0")
+    assert _nearest(GRAPH.places, "2,1", 4.0) == ("b", ", 1.41 m from 2,1"), "without a height, in the plane"
+    assert _nearest(GRAPH.places, "2,1,0", 4.0) == ("a", ", 2.24 m from 2,1,0")
 
 
 def test_a_point_far_from_every_place_is_refused_unless_that_is_allowed() -> None:
     with pytest.raises(
         GraphError, match=r"within 4 m of --near 30,4 \(got 27.3 m to b at \(3.00, 0.00, 2.00\); --within"
     ):
-        _nearest(GRAPH, "30,4", 4.0)
-    assert _nearest(GRAPH, "30,4", 28.0)[0] == "b"
+        _nearest(GRAPH.places, "30,4", 4.0)
+    assert _nearest(GRAPH.places, "30,4", 28.0)[0] == "b"
 
 
 def match(rank: int, place: str, similarity: float) -> Match:
@@ -141,12 +143,69 @@ def test_why_not_and_what_if_keep_what_is_known(capsys) -> None:
         )
     )
     out = capsys.readouterr().out
-    assert "WHY NOT  it is number 7, behind office, place p9\n" in out
-    assert "the more similar of the two: what put it behind is how the objects lie" in out
+    assert "WHY NOT  office, place p0 is number 7, behind office, place p9\n" in out
+    assert "similarity 0.9000 here, 0.4000 there" in out
     assert "+0.2500  chair: for this place" in out
     assert "-0.1250  couch: for the top match" in out
     assert "WHAT IF  without chair o1\n" in out
     assert "the top match by similarity alone is office, place p5 (0.5000)" in out
+
+
+LONG_ID = str(ord("p") << 56 | 86)
+
+
+def evidence(place: str, chair: float, as_: str | None, missed: float, walls: float = 0.0) -> PlaceEvidence:
+    return PlaceEvidence(
+        map="office",
+        place=place,
+        score=chair + missed + walls,
+        objects=[ObjectAttribution("o1", "chair", chair, as_)],
+        missed=[ObjectAttribution("m1", "sofa", missed)] if missed else [],
+        walls=walls,
+    )
+
+
+def test_why_not_is_asked_of_what_decides_object_by_object(capsys) -> None:
+    asked = explanation(
+        method("layout", None, 1.0),
+        why_not=WhyNot(
+            "office",
+            LONG_ID,
+            0.4,
+            7,
+            [ClassContrast("chair", 0.25)],
+            evidence=[evidence("p0", 0.0, None, -1.5, -0.75), evidence(LONG_ID, 4.25, str(ord("O") << 56 | 3), 0.0)],
+        ),
+    )
+    print_brief(answer(), "asked: place q", "", asked)
+    lines = capsys.readouterr().out.split("WHY NOT  ")[1].splitlines()
+    assert lines[0] == "office, place p0: -2.2 nats, against 4.2 of office, place p86"
+    assert [line.strip() for line in lines[1:]] == [
+        "saw chair o1: +0.0 here, +4.2 there (as O3)",
+        "did not see sofa m1, mapped here: -1.5 here",
+        "walked where the map has no room: -0.8 here, +0.0 there",
+    ]
+    print_explanation(asked)
+    out = capsys.readouterr().out
+    assert "by the answer's order it is number 7" in out, "the long form has the similarity too"
+    assert "+0.2500  chair: for this place" in out
+
+
+def test_in_short_an_explanation_is_five_lines(capsys) -> None:
+    said = MethodAttributions("layout", [ClassAttribution("chair", 3.25, 0.8, 2)], [], None, 0.0)
+    asked = explanation(
+        method("attention", 0.1, 0.7, 0.3), said, without=[WithoutClass("chair", "office", "p1", 0.4, False)]
+    )
+    print_brief(answer(), "asked: place q", "", asked)
+    assert capsys.readouterr().out.splitlines() == [
+        "WHAT     match: office, place p0 at (1.00, 2.00, 3.00)",
+        "WHERE    asked: place q",
+        "SURE     probability 0.800 (that this place is right); no rival elsewhere",
+        "BECAUSE  chair +3.2 nats (layout, which decided); attention: class 0 70%, class 1 30%",
+        "UNLESS   had it seen no chair: office, place p1, probability 0.400",
+    ]
+    print_brief(answer("unknown", 0), "asked: place q", "no object in reach", None)
+    assert capsys.readouterr().out == "WHAT     unknown: no object in reach\nWHERE    asked: place q\n"
 
 
 def test_classes_that_change_nothing_share_a_line(capsys) -> None:

@@ -97,7 +97,17 @@ def test_from_graph_to_explained_answer(semloc, office, map_file, run, tmp_path)
     place = min(json.loads(office.read_text())["nodes"], key=lambda n: (n["layer"] != 3, n["id"]))["id"]
     explained = semloc("explain", map_file, office, "--query", place)
     assert explained.code == 0, explained.err
-    assert str(place) in explained.out
+    assert f"asked: place p{place & (1 << 56) - 1} " in explained.out
+    assert semloc("explain", map_file, office, "--query", f"p({place & (1 << 56) - 1})").out == explained.out
+    for words in (("--place-near", "3,4"), ("--place", "p7")):
+        elsewhere = semloc("explain", map_file, office, "--query", place, "--methods", "layout", *words)
+        assert elsewhere.code == 0, elsewhere.err
+        assert re.search(
+            r"WHY NOT  office, place p\d+: -?\d+\.\d nats, against \d+\.\d of office, place", elsewhere.out
+        )
+    assert semloc("explain", map_file, office, "--query", place, "--rival", 99).code == 2
+    assert "number 2" not in explained.out
+    assert "rank" in semloc("explain", map_file, office, "--query", place, "--long").out
 
 
 def test_a_place_is_asked_about_by_id_by_point_or_as_where_the_run_ends(semloc, office, map_file, run):

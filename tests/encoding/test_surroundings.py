@@ -56,7 +56,7 @@ class Kept(RuleBasedStateMachine):
 @pytest.mark.parametrize("extraction", [EGO, REACH], ids=["ego", "reach"])
 def test_what_is_kept_is_what_is_there(extraction: Extraction) -> None:
     machine = type("Machine", (Kept,), {"extraction": extraction})
-    run_state_machine_as_test(machine, settings=settings(deadline=None, max_examples=30, stateful_step_count=12))
+    run_state_machine_as_test(machine, settings=settings(max_examples=30, stateful_step_count=12))
 
 
 @pytest.mark.parametrize("extraction", [EGO, REACH], ids=["ego", "reach"])

@@ -1,5 +1,6 @@
 """The test by layout taken apart: exactly what was added up, and what is missing speaks against a class."""
 
+import msgspec
 import pytest
 from small_building import building_update, make_map, make_model
 
@@ -57,18 +58,64 @@ def test_what_should_have_been_seen_and_was_not_speaks_against(loaded):
     assert "chair" not in {of.class_ for of in without.objects}
 
 
-def test_a_pair_has_it_for_the_published_place_only(loaded):
+def test_any_place_of_the_map_can_be_taken_apart_beside_the_winner(loaded):
     localiser, result = localised(loaded, building_update())
     located = localiser.ask()
-    names = [said.method for said in explain_pair(located, located.best_row).methods]
-    assert names[-1] == "layout"
-    assert len(names) == len(EXPLAINERS) + 1
-    other = (located.best_row + 7) % loaded.n_places
-    assert "layout" not in {said.method for said in explain_pair(located, other).methods}
-    with pytest.raises(ConfigError, match="published place"):
-        explain_pair(located, other, methods=["layout"])
+    whole = explain_pair(located, located.best_row)
+    assert len(whole.methods) == len(EXPLAINERS) + 1
+    assert whole.methods[-1].method == "layout"
+    assert whole.why_not is None
     only = explain_pair(located, located.best_row, methods=["layout"])
     assert only.methods[0].classes == result.attributions.classes
+    tested = {loaded.row(match.map, match.place) for match in result.matches.matches}
+    for other in ((located.best_row + 7) % loaded.n_places, *(set(range(loaded.n_places)) - tested)):
+        asked = explain_pair(located, other, methods=["layout"])
+        this, top = asked.why_not.evidence
+        assert (this.map, this.place) == (asked.match_map, asked.match_place)
+        assert (top.map, top.place) == (result.matches.matches[0].map, result.matches.matches[0].place)
+        for one in (this, top):
+            parts = [of.score for of in (*one.objects, *one.missed)]
+            assert sum(parts) + one.walls == pytest.approx(one.score, abs=1e-5)
+            assert all(of.score < 0 for of in one.missed)
+        assert this.score <= top.score + 1e-6, "no place fits better than the winner"
+        assert this.objects == asked.methods[0].objects
+
+
+def test_a_seen_object_is_joined_to_the_mapped_one_that_explains_it(loaded):
+    said = localised(loaded, building_update())[1].evidence
+    assert said.match_map == "home"
+    at = {item.id: (item.class_, item.position) for item in building_update().objects}
+    assert len(said.objects) >= 8
+    assert all(at[of.mapped] == at[of.id] for of in said.objects), "the same building, seen as it was mapped"
+    strange = wire.Object(id="strange", class_="chair", position=(5.0, -9.0, 0.0))
+    update = building_update()
+    with_it = msgspec.structs.replace(
+        update, objects=[*update.objects, strange], edges=[*update.edges, ("p5", "strange")]
+    )
+    (of,) = (of for of in localised(loaded, with_it)[1].evidence.objects if of.id == "strange")
+    assert of.mapped is None
+    assert of.score < 0.7
+
+
+def test_only_what_was_not_seen_is_missed(loaded):
+    whole, without = (localised(loaded, update)[1].evidence for update in (building_update(), update_without("chair")))
+    chairs = {item.id for item in building_update().objects if item.class_ == "chair"}
+    assert not {of.class_ for of in whole.missed} & {"chair", "plant", "painting"}
+    assert {of.class_ for of in without.missed} >= {"chair"}
+    assert {of.id for of in without.missed if of.class_ == "chair"} <= chairs
+
+
+def test_the_evidence_comes_with_every_tested_answer_whatever_explains_the_embedding(loaded):
+    localiser = Localiser(loaded, LocaliserConfig(explainer="attention", explain_rate_hz=0))
+    result = localiser.update(building_update())
+    assert result.attributions is None
+    assert result.evidence.method == "layout"
+    assert result.evidence == localised(loaded, building_update())[1].attributions
+    untested = Localiser(loaded, LocaliserConfig(rerank="none", explain_rate_hz=0))
+    answer = untested.update(building_update())
+    assert answer.evidence is None
+    with pytest.raises(ConfigError, match="put to the test"):
+        explain_pair(answer.located, answer.located.best_row, methods=["layout"])
 
 
 def test_without_the_test_there_is_nothing_to_take_apart(loaded):

@@ -48,8 +48,8 @@ def test_every_method_answers_and_the_message_goes_over_the_wire(robot):
     assert answer.error is None
     assert (answer.match_map, answer.match_place, answer.query_place, answer.seq) == ("work", "p12", "p9", 3)
     said = [method.method for method in answer.methods]
-    assert len(said) == len(EXPLAINERS)
-    assert set(said) - {"closed_form"} <= set(EXPLAINERS)
+    assert len(said) == len(EXPLAINERS) + 1
+    assert set(said) - {"closed_form", "layout"} <= set(EXPLAINERS)
     assert wire.decode(wire.encode(answer), wire.Explanation).match_place == "p12"
     assert wire.encode(answer) == wire.encode(answer_request(robot, ask(place="p12", building="work")))
 

@@ -84,7 +84,7 @@ def test_arrays_that_do_not_fit_are_refused_where_they_are_made(name: str, value
 
 
 @given(valid_updates(full=True), st.randoms(use_true_random=False))
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_the_order_of_a_message_does_not_matter(message: SceneGraphUpdate, order: random.Random) -> None:
     def shuffled(items: list) -> list:
         return order.sample(items, len(items))
@@ -97,7 +97,7 @@ def test_the_order_of_a_message_does_not_matter(message: SceneGraphUpdate, order
 
 
 @given(valid_updates(full=True))
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_there_and_back_is_the_same(message: SceneGraphUpdate) -> None:
     graph = SceneGraph.from_update(message)
     a = GraphArrays.from_scene_graph(graph, LABELS)

@@ -130,10 +130,84 @@ def test_a_synonym_file_joins_a_detector_to_a_map(tmp_path):
     assert joined.hash == SPACE.hash
 
 
-@pytest.mark.parametrize("synonyms", [{"seat": "stool"}, {"sofa": "chair"}, {"chair": "couch"}])
-def test_synonyms_that_contradict_the_labelspace_are_refused(synonyms):
-    with pytest.raises(LabelspaceError):
-        SPACE.with_synonyms(synonyms)
+def test_synonyms_of_no_class_are_refused():
+    with pytest.raises(LabelspaceError, match="'stool'"):
+        SPACE.with_synonyms({"seat": "stool"})
+
+
+def test_later_synonyms_win_over_synonyms_classes_and_numbers():
+    """They are what a person says; a class that is joined to another is meant no more, in whatever spelling."""
+    assert SPACE.with_synonyms({"sofa": "chair"}).index("sofa") == 0
+    assert SPACE.with_synonyms({"SOFA": "chair"}).index("sofa") == 0
+    joined = SPACE.with_synonyms({"CHAIR": "couch", "class_7": "plant"})
+    assert [joined.index(name) for name in ("chair", "Chair", "class_7", "class_8")] == [1, 1, 2, 1]
+    assert joined.name_of(7) == "plant"
+    assert joined.hash == SPACE.hash
+
+
+@pytest.mark.parametrize(
+    ("name", "of"),
+    [
+        ("Trash_Can", "trash can"),
+        ("trash-can", "trash can"),
+        ("TRASHCAN", "trash can"),
+        ("trash\u2011can", "trash can"),
+        ("Cafe\u0301 TISCH", "caf\u00e9 tisch"),
+        ("STRASSE", "stra\u00dfe"),
+        ("\uff34\uff36", "tv"),
+    ],
+)
+def test_names_that_differ_in_case_and_joints_alone_are_one_name(name, of):
+    space = Labelspace("s", ("lamp", of), synonyms={"Light-Source": "lamp"})
+    assert space.index(name) == 1
+    assert space.canonical(name) == of
+    assert space.canonical("light source") == "lamp"
+    assert space.canonical("lamps") == "lamps"
+
+
+def test_classes_that_a_model_tells_apart_stay_apart():
+    space = Labelspace("s", ("TV", "tv"))
+    assert [space.index(name) for name in ("TV", "tv", "Tv")] == [0, 1, 0]
+
+
+def test_a_number_in_place_of_a_name_is_the_class_of_that_id():
+    assert [SPACE.index(name) for name in ("class_5", "8", "Class 7", "class_6", "class_4294967296")] == [
+        0,
+        1,
+        1,
+        -1,
+        -1,
+    ]
+    assert Labelspace("s", ("class_5", "x"), {"x": (5,)}).index("class_5") == 0, "a class of that name is that class"
+
+
+def test_names_in_a_file_that_are_one_name_become_one_class(tmp_path, caplog):
+    text = "name: x\nclasses: [{name: TV set, ids: [1]}, {name: lamp}, {name: tv-set, ids: [3], mobility: 2}]"
+    space = load_labelspace(write(tmp_path, text + "\nsynonyms: {telly: tv-set}"))
+    assert space == Labelspace("x", ("TV set", "lamp"), {"TV set": (1, 3)}, {"TV set": 2.0}, {"telly": "TV set"})
+    assert "TV set, tv-set" in caplog.text
+
+
+def test_a_synonym_file_may_name_numbers_and_no_name_twice(tmp_path):
+    assert load_synonyms(write(tmp_path, "synonyms: {7: couch, seat: chair}")) == {"class_7": "couch", "seat": "chair"}
+    with pytest.raises(LabelspaceError, match="'SEAT' of several"):
+        load_synonyms(write(tmp_path, "synonyms: {seat: chair, SEAT: couch}"))
+
+
+def test_objects_without_a_name_are_of_no_class():
+    own = labelspace_from_hydra("f", [(0, "unknown"), (1, "chair"), (2, "Chair"), (3, ""), (4, " ")], [0, 1, 3])
+    assert own.ids == {"chair": (1, 2), "class_3": (3,)}
+    objects = {name: Object(name, name, (0.0, 0.0, 0.0)) for name in ("Unknown", "lamp", "chair")}
+    assert count_unknown(SceneGraph(objects=objects), SPACE) == {"lamp": 1}
+    assert Labelspace("old", ("unknown",)).index("unknown") == 0, "a model that was trained on it keeps it"
+
+
+def test_a_union_joins_names_that_are_one_name():
+    joined = union([Labelspace("a", ("TV", "Sofa"), {"TV": (1,)}), Labelspace("b", ("tv", "couch"), {"tv": (2,)})])
+    assert joined.classes == ("Sofa", "TV", "couch")
+    assert joined.ids["TV"] == (1, 2)
+    with_synonym = union([Labelspace("a", ("couch",), synonyms={"sofa": "couch"}), Labelspace("b", ("SOFA", "tv"))])
+    assert with_synonym.classes == ("couch", "tv")
 
 
 def test_a_files_own_labelspace():

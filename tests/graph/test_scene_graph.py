@@ -162,7 +162,7 @@ def test_bad_updates_are_refused_whole_with_one_line(name: str) -> None:
 
 
 @given(st.lists(any_updates(), max_size=8))
-@settings(deadline=None, max_examples=80)
+@settings(max_examples=80)
 def test_a_refused_update_leaves_no_trace(updates: list[SceneGraphUpdate]) -> None:
     graph = SceneGraph()
     for each in updates:
@@ -261,7 +261,7 @@ class AppliedEqualsRebuilt(RuleBasedStateMachine):
         assert again.to_update(3, 7, "map") == message
 
 
-AppliedEqualsRebuilt.TestCase.settings = settings(deadline=None, max_examples=25, stateful_step_count=10)
+AppliedEqualsRebuilt.TestCase.settings = settings(max_examples=25, stateful_step_count=10)
 test_applied_equals_rebuilt = AppliedEqualsRebuilt.TestCase
 
 

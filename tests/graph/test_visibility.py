@@ -136,12 +136,12 @@ class KeptEqualsRebuilt(RuleBasedStateMachine):
             assert getattr(self.visibility, name) == getattr(new, name), name
 
 
-KeptEqualsRebuilt.TestCase.settings = settings(deadline=None, max_examples=30, stateful_step_count=15)
+KeptEqualsRebuilt.TestCase.settings = settings(max_examples=30, stateful_step_count=15)
 test_kept_equals_rebuilt = KeptEqualsRebuilt.TestCase
 
 
 @given(valid_updates(full=True), st.sampled_from([0.0, 0.1, 1.0, 2.0, 2.1, 9.0]))
-@settings(deadline=None, max_examples=80)
+@settings(max_examples=80)
 def test_the_batch_version_is_equal_bit_by_bit(message: SceneGraphUpdate, radius_m: float) -> None:
     graph = SceneGraph.from_update(message)
     arrays = GraphArrays.from_scene_graph(graph, LABELS)
@@ -173,7 +173,6 @@ points = st.tuples(*[st.floats(-50, 50)] * 3)
 
 
 @given(st.lists(points, min_size=6, max_size=6), st.lists(st.tuples(*[st.integers(0, 5)] * 2), max_size=9))
-@settings(deadline=None)
 def test_distances_are_the_same_bits_from_either_end_and_from_scipy(
     positions: list[tuple[float, float, float]], pairs: list[tuple[int, int]]
 ) -> None:
@@ -190,7 +189,7 @@ def test_distances_are_the_same_bits_from_either_end_and_from_scipy(
 
 
 @given(st.data())
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 def test_a_repaired_ball_is_a_new_one(data: st.DataObject) -> None:
     lengths = st.sampled_from([0.0, 1.0, 1.0, 2.0])
     pair = st.tuples(st.integers(0, 7), st.integers(0, 7)).filter(lambda e: e[0] < e[1])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from semloc_core.matching.radius_index import RadiusIndex
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.floats(0.5, 6.0))
 def test_equals_brute_force(seed, n, radius):
     rng = np.random.default_rng(seed)

@@ -201,5 +201,5 @@ def test_updates_in_any_order_lead_where_a_full_update_would(tmp_path, encoder, 
     machine = type("Machine", (Updates,), {"loaded": None, "filter": filter_})
     machine.loaded = make_map(tmp_path / "home.map", model, home=building_update(12, 8))
     long = int(os.environ.get("SEMLOC_SOAK", "0"))  # set by `make soak`: how many sequences, at random
-    options = settings(max_examples=long or 15, stateful_step_count=25, deadline=None, derandomize=not long)
+    options = settings(max_examples=long or 15, stateful_step_count=25)
     run_state_machine_as_test(machine, settings=options)

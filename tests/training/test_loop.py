@@ -2,7 +2,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import msgspec
@@ -117,18 +116,14 @@ def test_killed_at_any_moment_the_state_can_be_resumed(tmp_path: Path):
         "from buildings import LABELS, building; from semloc_core.training import loop; import test_loop as t\n"
         "torch.set_num_threads(1)\n"
         "loop.train([building()], LABELS, t.replace(t.SMALL, steps=100000, validate_steps=1, patience=100000),"
-        " checkpoint=Path(sys.argv[1]))\n"
+        " checkpoint=Path(sys.argv[1]), progress=lambda report: print(report.step, flush=True))\n"
     )
     here = str(Path(__file__).parent)
-    process = subprocess.Popen([sys.executable, "-c", script, str(state), here])
-    try:
-        deadline = time.monotonic() + 60
-        while not state.exists() and process.poll() is None and time.monotonic() < deadline:
-            time.sleep(0.01)
-        time.sleep(0.2)
-    finally:
+    with subprocess.Popen([sys.executable, "-c", script, str(state), here], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        for _ in range(3):  # it says each step, and keeps its state at each
+            assert process.stdout.readline()
         process.send_signal(signal.SIGKILL)
-        process.wait()
     config = replace(SMALL, steps=100000, validate_steps=1, patience=100000)
     seen: list[int] = []
 

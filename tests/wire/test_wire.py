@@ -203,7 +203,7 @@ lengths = st.floats(-1e9, 1e9).map(lambda x: round(x, 6) + 0.0)
 positions = st.tuples(lengths, lengths, lengths)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.dictionaries(ids, positions, max_size=6), st.integers(-(2**63), 2**63 - 1), st.integers(0, 2**63 - 1))
 def test_what_is_encoded_is_decoded_again(places, stamp, seq):
     update = SceneGraphUpdate(
@@ -214,7 +214,7 @@ def test_what_is_encoded_is_decoded_again(places, stamp, seq):
     assert encode(decode_update(encode(update))) == encode(update)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.data())
 def test_mutated_text_is_decoded_or_refused_in_one_line(data):
     raw = bytearray(text().encode())

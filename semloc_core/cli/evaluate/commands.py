@@ -14,8 +14,8 @@ from semloc_core.cli.shared.common import (
     Json,
     LabelspaceOption,
     Seed,
+    SynonymsOption,
     console,
-    pick_labelspace,
     progress,
     read_graph,
     show,
@@ -36,6 +36,7 @@ def office(
     ablation: Annotated[bool, typer.Option("--ablation", help="The paper's Table III instead of Table II.")] = False,
     seeds: Annotated[int, typer.Option(min=1, help="How many seeds, from --seed on.")] = 3,
     labelspace: LabelspaceOption = None,
+    synonyms: SynonymsOption = None,
     seed: Seed = 0,
     json_file: Json = None,
 ) -> None:
@@ -45,11 +46,11 @@ def office(
     best it can be. success@N is what users mean: any of the top N within 4 m.
     """
     from semloc_core.evaluate import evaluate_ablation, evaluate_office
-    from semloc_core.graph import GraphArrays, count_unknown
+    from semloc_core.graph import GraphArrays, Reading, count_unknown
 
-    chosen = pick_labelspace(labelspace)
-    file = read_graph(graph, chosen)
-    space = chosen or file.labelspace
+    reading = Reading.of(labelspace, synonyms)
+    file = read_graph(graph, reading)
+    space = reading.classes_of([file.labelspace])
     report_unknown_classes(count_unknown(file.graph, space), str(graph))
     arrays = GraphArrays.from_scene_graph(file.graph, space, graph.stem)
     with progress("evaluating") as bar:
@@ -107,6 +108,9 @@ def online(
     place_noise_m: Annotated[
         float, typer.Option(min=0.0, help="Standard deviation of a place's position, m per axis.")
     ] = 0.0,
+    drift: Annotated[
+        float, typer.Option(min=0.0, help="Drift of the robot's frame; 1: 0.5° and 0.03 m per axis, a root metre.")
+    ] = 0.0,
     filtered: Annotated[bool, typer.Option("--filter/--no-filter", help="With the filter over places too.")] = True,
     verified: Annotated[
         bool, typer.Option("--layout/--no-layout", help="Answers verified by layout too (rings and each model).")
@@ -118,6 +122,9 @@ def online(
         bool, typer.Option("--foreign", help="Answers accepted in a building that is left out of the database.")
     ] = False,
     bound: Annotated[bool, typer.Option(help="Count the places that agree with all that was seen.")] = True,
+    peer: Annotated[
+        bool, typer.Option("--peer", help="CLIPPER too, registered against every building: a minute a hundred answers.")
+    ] = False,
     long: Annotated[
         bool, typer.Option("--long", help="Print every row, with intervals, success@5 and @10, as the JSON has them.")
     ] = False,
@@ -141,6 +148,7 @@ def online(
         flicker_rate=flicker_rate,
         object_noise_m=object_noise_m,
         place_noise_m=place_noise_m,
+        drift=drift,
     )
     with progress("evaluating") as bar:
         rows = evaluate_online(
@@ -153,6 +161,7 @@ def online(
             kidnapped=kidnapped,
             foreign=foreign,
             bound=bound,
+            peer=peer,
             seed=seed,
             progress=bar,
         )

@@ -10,6 +10,10 @@ import typer
 
 from semloc_core.cli.shared.common import (
     Json,
+    LabelspaceOption,
+    RobotOption,
+    SynonymsOption,
+    TopicOption,
     building_name,
     console,
     read_graph_or_run,
@@ -21,8 +25,7 @@ from semloc_core.cli.shared.screen import many
 from semloc_core.errors import MapError
 
 if TYPE_CHECKING:
-    from semloc_core.encoding import Model
-    from semloc_core.graph import Labelspace, SceneGraph
+    from semloc_core.graph import Reading, SceneGraph
     from semloc_core.map_merge import Merged
     from semloc_core.metrics import Row
 
@@ -48,22 +51,18 @@ def names_of(inputs: list[Path], name: str | None) -> list[str]:
     return names
 
 
-def read_known(path: Path, model: Model, allow_unknown: bool, names: Labelspace | None = None) -> SceneGraph:
-    """Read a GRAPH or RUN with places, and say which of its classes the model lacks, or refuse it for these.
+def read_known(path: Path, reading: Reading, allow_unknown: bool) -> SceneGraph:
+    """Read a GRAPH or RUN with places, and say which of its classes the map lacks, or refuse it for these.
 
     Args:
         path: the file or folder.
-        model: of the map.
-        allow_unknown: take it even if the model knows few of its objects.
-        names: what numbers in a file without class names mean, in place of what the model says.
+        reading: of labels, for a map.
+        allow_unknown: take it even if the map knows few of its objects.
 
     """
-    from semloc_core.graph import all_numbers
-
-    graph = read_graph_or_run(path, names or model.labelspace, of_map=names is None)
-    numbers = all_numbers(thing.class_ for thing in graph.objects.values())
-    helps = "`semloc map build --labelspace` names these" if numbers else "`semloc map build --synonyms` joins names"
-    check_classes(graph, model, str(path), allow_unknown=allow_unknown, helps=helps)
+    graph, space = read_graph_or_run(path, reading), reading.space
+    assert space is not None
+    check_classes(graph, space, str(path), allow_unknown=allow_unknown)
     if not graph.places:
         raise MapError(f"expected a graph with places (got {path}, which has none)")
     return graph
@@ -74,10 +73,17 @@ def add(
     inputs: Inputs,
     name: Name = None,
     place: Places = None,
+    labelspace: LabelspaceOption = None,
+    synonyms: SynonymsOption = None,
     allow_unknown: AllowUnknown = False,
+    topic: TopicOption = None,
+    robot: RobotOption = None,
 ) -> None:
     """Add buildings, embedded by the map's own model; with --place single places of a building that the map has."""
-    _change(map_place, inputs, name, place, False, allow_unknown)
+    from semloc_core.graph import Reading
+
+    reading = Reading.of(labelspace, synonyms, topic=topic, robot=robot)
+    _change(map_place, inputs, name, place, False, reading, allow_unknown)
 
 
 def replace(
@@ -85,10 +91,17 @@ def replace(
     inputs: Inputs,
     name: Name = None,
     place: Places = None,
+    labelspace: LabelspaceOption = None,
+    synonyms: SynonymsOption = None,
     allow_unknown: AllowUnknown = False,
+    topic: TopicOption = None,
+    robot: RobotOption = None,
 ) -> None:
     """Replace buildings that the map has by newer graphs or runs of them; with --place single places."""
-    _change(map_place, inputs, name, place, True, allow_unknown)
+    from semloc_core.graph import Reading
+
+    reading = Reading.of(labelspace, synonyms, topic=topic, robot=robot)
+    _change(map_place, inputs, name, place, True, reading, allow_unknown)
 
 
 def _change(
@@ -97,6 +110,7 @@ def _change(
     name: str | None,
     places: list[str] | None,
     replace: bool,
+    reading: Reading,
     allow_unknown: bool,
 ) -> None:
     from semloc_core.map_merge import put_building, store_edited, with_places
@@ -105,8 +119,9 @@ def _change(
     if places and len(inputs) != 1:
         raise MapError(f"expected one input with --place (got {len(inputs)})")
     with to_change(map_place) as (database, model), database.transaction():
+        reading = reading.with_known(model.labelspace)
         for path, building in zip(inputs, names_of(inputs, name), strict=True):
-            graph = read_known(path, model, allow_unknown)
+            graph = read_known(path, reading, allow_unknown)
             if places:
                 edited = with_places(database.graph(building), graph, set(places), replace=replace)
                 store_edited(database, model, building, edited)
@@ -156,7 +171,11 @@ def merge(
         str | None, typer.Option("--building", metavar="NAME", help="Merge into this one; default: where it fits best.")
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would change, and change nothing.")] = False,
+    labelspace: LabelspaceOption = None,
+    synonyms: SynonymsOption = None,
     allow_unknown: AllowUnknown = False,
+    topic: TopicOption = None,
+    robot: RobotOption = None,
     json_file: Json = None,
 ) -> None:
     """Merge a later traversal of a building that the map has: what it confirms, moves, misses and adds.
@@ -164,15 +183,17 @@ def merge(
     It is laid on the building by what it saw, and refused where that does not fit. Objects that were confirmed gain
     weight, those not seen where free space was seen lose it, by how often their class moves; places are embedded anew.
     """
+    from semloc_core.graph import Reading
     from semloc_core.map_merge import merge_into, propose
 
+    reading = Reading.of(labelspace, synonyms, topic=topic, robot=robot)
     if dry_run:
         with to_read(map_place) as (map_, model):
-            graph = read_known(traversal, model, allow_unknown)
+            graph = read_known(traversal, reading.with_known(model.labelspace), allow_unknown)
             name, merged = propose(map_, model, graph, building, source=traversal.name)
     else:
         with to_change(map_place) as (database, model):
-            graph = read_known(traversal, model, allow_unknown)
+            graph = read_known(traversal, reading.with_known(model.labelspace), allow_unknown)
             name, merged = merge_into(database, model, graph, building, source=traversal.name)
     _say(name, merged, "would be " if dry_run else "")
     if json_file is not None:

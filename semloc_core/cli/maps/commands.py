@@ -11,7 +11,14 @@ from semloc_core.cli.maps import info as map_info
 from semloc_core.cli.maps import server as map_server
 from semloc_core.cli.maps.changes import Inputs, Name, names_of, read_known
 from semloc_core.cli.shared.choose_model import choose_model
-from semloc_core.cli.shared.common import LabelspaceOption, SynonymsOption, console, pick_labelspace, progress
+from semloc_core.cli.shared.common import (
+    LabelspaceOption,
+    RobotOption,
+    SynonymsOption,
+    TopicOption,
+    console,
+    progress,
+)
 from semloc_core.cli.shared.foreign_classes import AllowUnknown
 from semloc_core.cli.shared.map_places import Index, fresh, refuse_existing
 from semloc_core.cli.shared.screen import many
@@ -39,21 +46,25 @@ def build(
     name: Name = None,
     synonyms: SynonymsOption = None,
     allow_unknown: AllowUnknown = False,
+    topic: TopicOption = None,
+    robot: RobotOption = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing map.")] = False,
     index: Index = None,
 ) -> None:
     """Build a map database: every place of every building, embedded; the file carries the model too."""
+    from semloc_core.graph import Reading
     from semloc_core.map_merge import put_building
 
     if not force:
         refuse_existing(output)
     names, places = names_of(inputs, name), 0
-    space = pick_labelspace(labelspace)
-    loaded = choose_model(model, inputs, space, synonyms)
+    reading = Reading.of(labelspace, synonyms, topic=topic, robot=robot)
+    loaded = choose_model(model, inputs, reading, allow_unknown=allow_unknown)
+    reading = reading.with_known(loaded.labelspace)
     with fresh(output, loaded, index) as database, progress("embedding places") as bar:
         for i, (path, building) in enumerate(zip(inputs, names, strict=True)):
             bar(i, len(inputs), building)
-            graph = read_known(path, loaded, allow_unknown, space)
+            graph = read_known(path, reading, allow_unknown)
             places += put_building(database, loaded, graph, building, source=path.name)
     console.print(f"{output}: {many(places, 'place')} in {many(len(inputs), 'building')}")
 

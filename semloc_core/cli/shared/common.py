@@ -10,17 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from semloc_core.cli.shared.foreign_classes import tell_numbers
 from semloc_core.cli.shared.screen import console as console
 from semloc_core.cli.shared.screen import note as note
 from semloc_core.errors import ConfigError, FileFormatError
 from semloc_core.files import write_whole
 
 if TYPE_CHECKING:
-    from semloc_core.encoding import Model
-    from semloc_core.graph import Labelspace, SceneGraph
+    from semloc_core.graph import Reading, SceneGraph
     from semloc_core.sources import HydraFile
 
 
@@ -43,17 +40,44 @@ LabelspaceOption = Annotated[
     typer.Option(
         "--labelspace",
         metavar="NAME|FILE",
-        help="Classes: a shipped name (uhumans2_office, uhumans2_apartment, coco, mpcat40) or a YAML file; "
-        "default: taken from the graph file.",
+        help="Classes, and what class numbers mean: a shipped name (uhumans2_office, uhumans2_apartment, coco, "
+        "mpcat40) or a YAML file; default: what the graph file says, else the map or model.",
     ),
 ]
 
 SynonymsOption = Annotated[
     Path | None,
     typer.Option(
-        "--synonyms", metavar="FILE", help="YAML that joins a detector's names to the map's: {synonyms: {sofa: couch}}."
+        "--synonyms",
+        metavar="FILE",
+        help="YAML that joins a detector's names or numbers to the map's: {synonyms: {sofa: couch, 7: bed}}.",
     ),
 ]
+
+
+TopicOption = Annotated[
+    str | None,
+    typer.Option(
+        "--topic",
+        metavar="TOPIC",
+        help="Topic of a RUN's updates; default: /scene_graph, or the only one with updates.",
+    ),
+]
+RobotOption = Annotated[
+    str | None,
+    typer.Option("--robot", metavar="NAME", help="Of several robots in one file, this one; default: the first."),
+]
+ToleranceOption = Annotated[
+    float,
+    typer.Option("--truth-tolerance", metavar="S", min=0.0, help="How far the ground truth's stamp may be off, s."),
+]
+
+
+def is_run(path: Path) -> bool:
+    """Whether an input is a run rather than a graph file."""
+    from semloc_core.sources import is_run as of_content
+
+    return of_content(path)
 
 
 def building_name(path: Path) -> str:
@@ -61,47 +85,35 @@ def building_name(path: Path) -> str:
     return path.resolve().parent.name if path.stem in ("map", "query", "graph", "dsg") else path.stem
 
 
-def pick_labelspace(option: str | None) -> Labelspace | None:
-    """The labelspace that ``--labelspace`` names; None: take the file's own."""
-    from semloc_core.graph import load_labelspace
-
-    return load_labelspace(option) if option is not None else None
-
-
-def join_synonyms(model: Model, path: Path | None) -> None:
-    """Let a model know another detector's names; what it answers for its own stays as it is."""
-    from semloc_core.graph import load_synonyms
-
-    if path is not None:
-        model.labelspace = model.labelspace.with_synonyms(load_synonyms(path))
-
-
-def read_graph(path: Path, labelspace: Labelspace | None) -> HydraFile:
-    """Read a GRAPH."""
-    from semloc_core.sources import read_hydra
+def read_graph(path: Path, reading: Reading) -> HydraFile:
+    """Read a GRAPH, or a RUN to its end, and say what had to be decided of its classes."""
+    from semloc_core.graph import labelspace_from_hydra
+    from semloc_core.sources import HydraFile, read_hydra
 
     if not path.exists():
         raise FileFormatError(f"expected a scene-graph file (got {path}, which does not exist)")
-    return read_hydra(path, labelspace)
-
-
-def read_graph_or_run(path: Path, labelspace: Labelspace, *, of_map: bool = False) -> SceneGraph:
-    """Read a GRAPH, or a RUN to its end.
-
-    Args:
-        path: the file or folder.
-        labelspace: what class numbers mean in files without names.
-        of_map: it is a map's or a model's, not one named for this file: numbers that it gives names to are told.
-
-    """
-    from semloc_core.sources import graph_at_end, is_run
-
     if is_run(path):
-        return graph_at_end(path)
-    file = read_graph(path, labelspace)
-    if of_map:
-        tell_numbers(path, file, labelspace)
-    return file.graph
+        from semloc_core.sources import graph_at_end
+
+        labels = reading.labels()
+        graph = labels.graph(graph_at_end(path, reading=reading))
+        tell(path, labels.told())
+        classes = sorted({thing.class_ for thing in graph.objects.values()})
+        return HydraFile(graph, labelspace_from_hydra(path.name, enumerate(classes), ()))
+    file = read_hydra(path, reading)
+    tell(path, file.decided)
+    return file
+
+
+def read_graph_or_run(path: Path, reading: Reading) -> SceneGraph:
+    """The scene graph of a GRAPH, or that of a RUN at its end, and say what had to be decided of its classes."""
+    return read_graph(path, reading).graph
+
+
+def tell(where: Path, lines: Sequence[str]) -> None:
+    """Say what had to be decided of a file's classes."""
+    for line in lines:
+        note(f"{where}: {line}")
 
 
 LINE_EVERY_S = 15.0
@@ -113,6 +125,8 @@ def progress(description: str) -> Iterator[Callable[[int, int, str], None]]:
 
     Where stderr is no terminal, a line every `LINE_EVERY_S` says how far it is.
     """
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
     name, now = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[words]}", markup=False)
     columns = (name, BarColumn(), now, TimeElapsedColumn())
     screen = Console(stderr=True, markup=False, emoji=False, highlight=False)

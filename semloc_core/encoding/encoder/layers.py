@@ -147,7 +147,7 @@ class SumLayer(nn.Module):
         return scale, norm.bias - mean * scale
 
 
-def as_array(tensor: Tensor) -> NDArray[np.float32]:
-    """Weights for numpy: float32, C-contiguous, without a gradient."""
-    array: NDArray[np.float32] = np.ascontiguousarray(tensor.detach().numpy(), dtype=np.float32)
+def as_array(tensor: Tensor) -> NDArray[np.float64]:
+    """Weights for numpy: float64, C-contiguous, without a gradient."""
+    array: NDArray[np.float64] = np.ascontiguousarray(tensor.detach().numpy(), dtype=np.float64)
     return array

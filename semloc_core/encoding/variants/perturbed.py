@@ -19,6 +19,11 @@ NODES_AT_ONCE = 2**13
 """Nodes in one union of copies: beyond a few thousand nothing gets faster, and memory would grow without bound."""
 
 
+def products(z: Tensor, target: Tensor) -> Tensor:
+    """Scalar products of (…, D) with (D,), summed in float64 and rounded once: alike on every processor."""
+    return (z.double() @ target.double()).to(z.dtype)
+
+
 class PerturbedEncoder:
     """Embeds many variants of one query place at once: as one batch, their disjoint union, or by `PaperCopies`.
 

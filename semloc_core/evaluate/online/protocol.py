@@ -15,7 +15,7 @@ import numpy as np
 
 from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoding import Model, embed_graph
+from semloc_core.encoding import Model, embed_graph, similarity_matrix
 from semloc_core.evaluate.online.agreement import Agreement
 from semloc_core.evaluate.online.answers import (
     OnlineWalk,
@@ -25,6 +25,7 @@ from semloc_core.evaluate.online.answers import (
     steps_at,
     verdict,
 )
+from semloc_core.evaluate.online.clipper_walks import judge_clipper
 from semloc_core.evaluate.online.fragments import embed_walk, surroundings_along
 from semloc_core.evaluate.online.kidnapped import judge_foreign, judge_kidnapped
 from semloc_core.evaluate.online.verified import groups_of, judge_online_layout, success_rows
@@ -53,6 +54,7 @@ def evaluate_online(
     kidnapped: bool = False,
     foreign: bool = False,
     bound: bool = True,
+    peer: bool = False,
     radius_m: float = MATCH_RADIUS_M,
     seed: int = 0,
     progress: Progress = no_progress,
@@ -73,6 +75,7 @@ def evaluate_online(
         kidnapped: judge also how soon a robot is right again that was carried away (`judge_kidnapped`).
         foreign: judge also how many answers are accepted in a building that no map has (`judge_foreign`).
         bound: judge `semloc_core.evaluate.online.agreement` too.
+        peer: judge CLIPPER too (`semloc_core.evaluate.online.clipper_walks`).
         radius_m: how near is right.
         seed: of walks and bootstrap.
         progress: told of every method and building.
@@ -128,8 +131,10 @@ def evaluate_online(
         agreement = Agreement(arena.maps, len(arena.labelspace))
         mapped = replace(arena, queries=arena.maps)
         for name, seen in (("agreeing places", arena), ("agreeing places, perfect detector", mapped)):
-            paths = make_walks(seen, config, walks, seed)
-            rows += judge_agreement(name, agreement, arena, paths, scopes_m, config.range_m, radius_m, seed)
+            through = make_walks(seen, config, walks, seed)
+            rows += judge_agreement(name, agreement, arena, through, scopes_m, config.range_m, radius_m, seed)
+    if peer:
+        rows += judge_clipper(arena, paths, scopes_m, radius_m, seed, progress=progress)
     progress(total, total, "done")
     return rows
 
@@ -151,9 +156,9 @@ def judge_online(
     for i, path in enumerate(paths):
         at = steps_at(path.walk, scopes_m)
         if places is None:
-            similarity = metrics.similarity_matrix(embed_walk(model, path.walk.at(at)), database)
+            similarity = similarity_matrix(embed_walk(model, path.walk.at(at)), database)
         else:
-            every = metrics.similarity_matrix(embed_walk(model, path.walk), database)
+            every = similarity_matrix(embed_walk(model, path.walk), database)
             similarity = every[at]
             evidence = places.evidence(surroundings_along(path.walk, model.encoder.n_classes), every, FilterConfig())
         for (filter_, home), right in verdicts.items():

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from semloc_core import metrics
-from semloc_core.encoding import Model, embed_graph
+from semloc_core.encoding import Model, embed_graph, similarity_matrix
 from semloc_core.evaluate.online.answers import Bools, OnlineWalk, believed, steps_at, verdict
 from semloc_core.evaluate.online.fragments import answered, embed_walk, surroundings_along
 from semloc_core.evaluate.relocalise import Arena
-from semloc_core.evaluate.verified_answers import fragments_along, reranked, verified_evidence
+from semloc_core.evaluate.verified_answers import add_error, any_frame, fragments_along, reranked, verified_evidence
 from semloc_core.graph import Ints
-from semloc_core.matching import LayoutVerifier
-from semloc_core.metrics import Row, accepted_share, expected_calibration_error
+from semloc_core.matching import LayoutVerifier, Placed
+from semloc_core.metrics import PoseErrors, Row, accepted_share, expected_calibration_error
 from semloc_core.tracking import FilterConfig, MapModel, PlaceFilter
 
 
@@ -34,7 +34,8 @@ def judge_online_layout(
     """Rows of one encoder whose answers are verified, under the name ``METHOD + layout``.
 
     Each robot's frame is turned against the map's by an angle of its own. Rows of ``filter`` ``none`` hold ``ece`` too,
-    the expected calibration error of the probability of the best match at that distance; those of scope
+    the expected calibration error of the probability of the best match at that distance, and the pose's errors
+    (`PoseErrors.figures`) where that match is right; those of scope
     ``foreign …`` say what is accepted as in `semloc_core.evaluate.online.kidnapped.judge_foreign`, by that probability.
 
     Args:
@@ -56,17 +57,24 @@ def judge_online_layout(
     if places is not None:
         right["bayes", "any"] = np.zeros(shape, np.bool_)
     sure, abroad = np.zeros(shape[:2]), np.full(shape[:2], -np.inf)
+    errors = [PoseErrors() for _ in scopes_m]
     for i, path in enumerate(paths):
         at = steps_at(path.walk, scopes_m)
         asked = answered(path.walk.at(at))
         steps = at if places is None else np.arange(path.walk.steps)
-        similarity = metrics.similarity_matrix(embed_walk(model, path.walk.at(steps)), database)
+        similarity = similarity_matrix(embed_walk(model, path.walk.at(steps)), database)
         fragments = fragments_along(path.walk, steps, verifier, np.random.default_rng([seed, i]))
         rows = np.searchsorted(steps, at)
         chosen = [fragments[row] for row in rows.tolist()]
         at_home = arena.building == path.building
-        best = reranked(verifier, chosen, similarity[rows], chances=sure[i])
+        places_found: list[Placed | None] = []
+        best = reranked(verifier, chosen, similarity[rows], chances=sure[i], places=places_found)
         right["none", "any"][i] = verdict(arena, path, at, best, radius_m)
+        turned = any_frame(np.random.default_rng([seed, i])).yaw
+        for k in np.flatnonzero(right["none", "any"][i][:, 0]).tolist():
+            step = int(at[k])
+            yaw = -(turned + path.walk.frame(step).yaw)
+            add_error(errors[k], places_found[k], chosen[k], path.walk.truth()[step], yaw)
         best = reranked(verifier, chosen, similarity[rows], at_home)
         right["none", "known"][i] = verdict(arena, path, at, best, radius_m)
         if foreign:
@@ -87,6 +95,7 @@ def judge_online_layout(
         for k, row in enumerate(success_rows(keys, verdicts, groups_of(paths), scopes_m, seed)):
             if (filter_, home) == ("none", "any"):
                 row["ece"] = expected_calibration_error(sure[:, k], verdicts[:, k, 0])
+                row |= errors[k].figures()
             found.append(row)
     if foreign:
         for k, metres in enumerate(scopes_m):

@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from semloc_core import metrics
-from semloc_core.encoding import Model, build_encoder, embed_graph
+from semloc_core.encoding import Model, build_encoder, embed_graph, similarity_matrix
 from semloc_core.graph import GraphArrays, Labelspace
 from semloc_core.metrics import Progress, Row, no_progress
 from semloc_core.training import (
@@ -173,7 +173,7 @@ def judge_model(
     for scope, part in JUDGED.items():
         asked, known = query_parts == PARTS.index(part), map_parts == PARTS.index(part)
         pairs[scope] = (
-            metrics.similarity_matrix(z_query[asked], z_map[known]),
+            similarity_matrix(z_query[asked], z_map[known]),
             positive_pairs(query.place_positions[asked], reference.place_positions[known], radius_m),
         )
     threshold = metrics.fit_threshold(*pairs["val"])

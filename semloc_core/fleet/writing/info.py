@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from semloc_core.fleet.writing.database import FleetDatabase
+from semloc_core.graph import read_graph
 from semloc_core.map_database import describe_building, describe_meta
 
 
@@ -16,5 +17,9 @@ def describe_server_map(database: FleetDatabase) -> dict[str, Any]:
 
     """
     meta = database.meta
-    buildings = [describe_building(database.building(name)[0], database.graph(name)) for name in database.buildings]
+    space = database.model.labelspace
+    buildings = [
+        describe_building(database.building(name)[0], read_graph(database.graph(name), space))
+        for name in database.buildings
+    ]
     return {"name": database.name, "hash": meta.content_hash, **describe_meta(meta, database.model, buildings)}

@@ -1,9 +1,9 @@
 """Exact search: the places whose embeddings have the largest inner product with a query's.
 
-The inner product of unit vectors is their cosine. A BLAS product over all rows finds the candidates; these few are
-then scored again in float64. That costs microseconds and makes an answer independent of how BLAS rounds, which
-changes with the number of threads, with a row's position in memory and between one query and a batch of them. Equal
-embeddings thus have equal similarities, and ties go to the lower row.
+The inner product of unit vectors is their cosine. A product over all rows finds the candidates; these few are then
+scored again in float64. That costs microseconds and makes an answer independent of how the product rounds. For one
+query it is summed dimension by dimension, for all rows alike: BLAS would round by the processor, the number of threads
+and a row's position in memory. Equal embeddings thus have equal similarities, and ties go to the lower row.
 """
 
 from __future__ import annotations
@@ -17,12 +17,11 @@ from semloc_core.errors import MapError
 
 _BLOCK = 1024  # rows whose largest similarity stands for all of them
 _SCORED_AT_ONCE = 2**14
-_LARGE = 2**16  # rows from which on a copy by columns is kept: it no longer fits the caches
 _BATCH_VALUES = 2**24  # similarities held at a time: 64 MiB
 
 
 class ExactSearch:
-    """Search over the rows of a matrix, which is not copied unless it is large.
+    """Search over the rows of a matrix, of which a copy by columns is kept once it has been asked.
 
     Args:
         embeddings: (M, D) float32, C-contiguous.
@@ -69,7 +68,8 @@ class ExactSearch:
             chunk = queries[start : start + step]
             rough = self._rough(chunk[0])[None] if len(chunk) == 1 else chunk @ self.embeddings.T
             for row, query in enumerate(chunk, start):
-                indices[row], similarities[row] = self._best(rough[row - start], query, found, mask)
+                best, exact = self._near_best(rough[row - start], query, found, mask)
+                indices[row], similarities[row] = best[:found], exact[:found]
         if np.ndim(z) == 1:
             return indices[0], similarities[0]
         return indices, similarities
@@ -79,7 +79,7 @@ class ExactSearch:
     ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
         """The k most similar rows as of `search`, and (M,) similarities of all, from one pass over the matrix.
 
-        The k agree with those of all; the rest are as BLAS rounds them.
+        The k agree with those of all, and equal embeddings have equal similarities.
 
         Raises:
             MapError: as `search`.
@@ -89,25 +89,24 @@ class ExactSearch:
             wanted = f"k of at least 1 and a finite query of {self.embeddings.shape[1]} float32"
             raise MapError(f"expected {wanted} (got {k} and {z.shape} {z.dtype})")
         rough = self._rough(z)
-        rows, exact = self._best(rough, z, min(k, len(rough)), None)
-        rough[rows] = exact
-        return rows, exact, rough
+        rows, exact = self._near_best(rough, z, min(k, len(rough)), None)
+        rough[rows] = exact  # also of those that tie with the k-th
+        return rows[:k], exact[:k], rough
 
     def _rough(self, query: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(M,) similarities as BLAS rounds them."""
-        if len(self.embeddings) < _LARGE:
-            return self.embeddings @ query
-        return query @ self._columns
+        """(M,) similarities, rounded alike everywhere: one dimension after the other, no two numbers in one step."""
+        found: NDArray[np.float32] = np.einsum("d,dm->m", query, self._columns)
+        return found
 
     @cached_property
     def _columns(self) -> NDArray[np.float32]:
-        """(D, M): BLAS goes through long rows faster than through many short ones, where memory is the limit."""
+        """(D, M): so that a step goes through all rows of the map."""
         return np.ascontiguousarray(self.embeddings.T)
 
-    def _best(
+    def _near_best(
         self, rough: NDArray[np.float32], query: NDArray[np.float32], k: int, mask: NDArray[np.bool_] | None
     ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        """The k best, given similarities (M,) as BLAS rounds them."""
+        """The k best, and what could not be told from them by similarities (M,) that are rounded somehow."""
         if mask is not None:
             rough = np.where(mask, rough, np.float32(-np.inf))
         # What two float32 sums of D products can differ by, however they are ordered (twice the usual bound).
@@ -120,7 +119,7 @@ class ExactSearch:
         for start in range(0, len(candidates), _SCORED_AT_ONCE):  # few, but for a zero query they are all rows
             some = slice(start, start + _SCORED_AT_ONCE)
             exact[some] = (self.embeddings[candidates[some]].astype(np.float64) * query).sum(axis=1)
-        order = np.lexsort((candidates, -exact))[:k]
+        order = np.lexsort((candidates, -exact))
         return candidates[order], exact[order]
 
 

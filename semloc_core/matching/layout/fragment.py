@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,8 @@ class Fragment:
         classes: (n,) int64 indices into the labelspace.
         object_ids: n ids.
         places: (k, 3) float64, metres; one a cell of `CELL_M`.
+        origin: (3,) where the place is in the robot's frame, metres.
+        ages: (n,) metres walked since each object last changed.
 
     """
 
@@ -31,22 +34,42 @@ class Fragment:
     classes: Ints
     object_ids: tuple[str, ...]
     places: Floats
+    origin: Floats
+    ages: Floats
 
     def __post_init__(self) -> None:
         n = len(self.object_ids)
         assert self.objects.shape == (n, 3), self.objects.shape
         assert self.classes.shape == (n,), self.classes.shape
+        assert self.ages.shape == (n,), self.ages.shape
         assert self.places.ndim == 2, self.places.shape
 
     def without(self, class_: int) -> Fragment:
         """The same with no object of a class seen."""
         stays = self.classes != class_
         ids = tuple(id_ for id_, kept in zip(self.object_ids, stays.tolist(), strict=True) if kept)
-        return Fragment(self.objects[stays], self.classes[stays], ids, self.places)
+        return replace(
+            self, objects=self.objects[stays], classes=self.classes[stays], object_ids=ids, ages=self.ages[stays]
+        )
 
 
-def fragment_of_graph(graph: SceneGraph, labelspace: Labelspace, place: str, config: LayoutConfig) -> Fragment:
-    """The surroundings of a place of a live graph; objects of classes that the labelspace lacks are left out."""
+def fragment_of_graph(
+    graph: SceneGraph,
+    labelspace: Labelspace,
+    place: str,
+    config: LayoutConfig,
+    age: Callable[[str], float] | None = None,
+) -> Fragment:
+    """The surroundings of a place of a live graph; objects of classes that the labelspace lacks are left out.
+
+    Args:
+        graph: what the robot knows.
+        labelspace: gives objects their class index.
+        place: of the graph.
+        config: how far to look.
+        age: gives the metres walked since an object last changed; None: all are new.
+
+    """
     # Sorting and copying all of a large graph at every update would cost more than the rest of the answer.
     reach, (x, y, _) = config.reach_m + 1.0, graph.places[place]
     beside = [
@@ -59,14 +82,15 @@ def fragment_of_graph(graph: SceneGraph, labelspace: Labelspace, place: str, con
     objects = np.array([item.position for item in items], dtype=np.float64).reshape(-1, 3)
     classes = np.array([labelspace.index(item.class_) for item in items], dtype=np.int64)
     origin = np.array(graph.places[place], dtype=np.float64)
-    return _around(origin, objects, classes, beside, graph.index.positions, config)
+    ages = np.zeros(len(beside)) if age is None else np.array([age(key) for key in beside], dtype=np.float64)
+    return _around(origin, objects, classes, beside, graph.index.positions, config, ages)
 
 
-def fragment_of_arrays(graph: GraphArrays, place: int, config: LayoutConfig) -> Fragment:
-    """The same of a frozen graph and the index of one of its places."""
-    origin = graph.place_positions[place]
+def fragment_of_arrays(graph: GraphArrays, place: int, config: LayoutConfig, ages: Floats | None = None) -> Fragment:
+    """The same of a frozen graph and the index of one of its places; ``ages`` (O,) of its objects, None for all new."""
+    origin, ages = graph.place_positions[place], np.zeros(graph.n_objects) if ages is None else ages
     return _around(
-        origin, graph.object_positions, graph.object_classes, graph.object_ids, graph.place_positions, config
+        origin, graph.object_positions, graph.object_classes, graph.object_ids, graph.place_positions, config, ages
     )
 
 
@@ -108,6 +132,7 @@ def _around(
     object_ids: list[str] | tuple[str, ...],
     places: Floats,
     config: LayoutConfig,
+    ages: Floats,
 ) -> Fragment:
     offsets = objects - origin
     chosen = np.flatnonzero(near(offsets, config) & (classes >= 0))
@@ -120,4 +145,6 @@ def _around(
         classes=classes[chosen],
         object_ids=tuple(object_ids[i] for i in chosen.tolist()),
         places=thinned(room[near(room, config)]),
+        origin=origin,
+        ages=ages[chosen],
     )

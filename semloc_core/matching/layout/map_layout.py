@@ -29,6 +29,7 @@ class MappedLayout:
         building: (M,) the number of each place's building.
         object_positions: (K, 3) objects of all buildings, metres.
         object_classes: (K,) of these.
+        object_ids: K ids, each of its own building.
         detected: (K,) probability that each object is there and is detected.
         invented: (C,) objects invented, per m² and class.
         odds: (K,) a seen object's odds of being this one, exactly where it is mapped, and not invented.
@@ -49,6 +50,7 @@ class MappedLayout:
         self.building: Ints = np.repeat(np.arange(len(parts)), [len(b) for b in parts]).astype(np.int64)
         self.object_positions: Floats = np.asfortranarray(np.concatenate([none, *(b.object_positions for b in parts)]))
         self.object_classes: Ints = np.concatenate([np.zeros(0, np.int64), *(b.object_classes for b in parts)])
+        self.object_ids: tuple[str, ...] = tuple(id_ for b in parts for id_ in b.object_ids)
         self.detected: Floats = np.concatenate([np.zeros(0), *(b.detected for b in parts)])
         counts = np.bincount(self.object_classes, minlength=n_classes).astype(np.float64)
         # A class that no map has can be invented too.

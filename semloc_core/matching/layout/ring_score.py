@@ -115,7 +115,7 @@ class CoarseScan:
         self._rate = rate.reshape(-1, first)
 
     def log_likelihood(self, fragment: Fragment) -> NDArray[np.float32]:
-        """(M,) of each place of the map, up to a constant."""
+        """(M,) of each place of the map, up to a constant; equal ones of places with equal surroundings."""
         rings = len(RING_CENTRES_M)
         of = (fragment.classes * rings + np.arange(rings)[:, None]).ravel()
         shares = _shares(_metres(fragment.objects)).ravel()
@@ -124,8 +124,8 @@ class CoarseScan:
         rate = self._rate.take(at, axis=0)
         rate += self._invented[at // rings][:, None]
         known = _shares(_metres(fragment.places)).sum(axis=1)
-        found: NDArray[np.float32] = seen[at] @ np.log(rate, out=rate)
-        found -= known @ self._total
+        found: NDArray[np.float32] = np.einsum("k,km->m", seen[at], np.log(rate, out=rate))
+        found -= np.einsum("r,rm->m", known, self._total)
         for e, room in zip(known, self._room, strict=True):
             found -= np.float32(_CONFIG.shape) * np.maximum(e - room, np.float32(0.0))
         return found

@@ -19,6 +19,28 @@ from semloc_core.matching.layout.ring_score import CoarseScan, affordable
 
 
 @dataclass(frozen=True, eq=False)
+class Tried:
+    """P aligned poses, best first; a place may have several, with headings of their own.
+
+    Args:
+        rows: (P,) rows of the map.
+        score: (P,) log-likelihood ratio.
+        heading: (P,) radians: the robot's frame turned by it is parallel to the map's.
+        shift: (P, 2) metres from the map's place to where the robot is.
+        missing: (P,) lost for objects not seen, ≥ 0.
+        walls: (P,) lost for room that the map does not have, ≥ 0.
+
+    """
+
+    rows: Ints
+    score: Floats
+    heading: Floats
+    shift: Floats
+    missing: Floats
+    walls: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class Verified:
     """Places of the map that were put to the test, best first, each once.
 
@@ -30,6 +52,7 @@ class Verified:
         explained: (T, n) share in the score of each object of the fragment, ≥ 0.
         missing: (T,) lost for objects not seen, ≥ 0.
         walls: (T,) lost for room that the map does not have, ≥ 0.
+        tried: all poses, of these places.
 
     """
 
@@ -40,6 +63,7 @@ class Verified:
     explained: Floats
     missing: Floats
     walls: Floats
+    tried: Tried
 
 
 class LayoutVerifier:
@@ -119,6 +143,8 @@ class LayoutVerifier:
         fitted = align(self.mapped, fragment, rows, heading)
         score = np.round(fitted.score, 6)
         order = np.lexsort((rows, -score))
+        every = fitted.heading[order], fitted.shift[order], fitted.missing[order], fitted.walls[order]
+        tried = Tried(rows[order], score[order], *every)
         # A place that was tried with several headings is listed with the best.
         best: dict[int, int] = {}
         for i, row in zip(order.tolist(), rows[order].tolist(), strict=True):
@@ -132,6 +158,7 @@ class LayoutVerifier:
             fitted.explained[order],
             fitted.missing[order],
             fitted.walls[order],
+            tried,
         )
 
     def candidates(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
@@ -21,13 +21,14 @@ from semloc_core.replay import LatencyHistogram, TraversalScore, right_matches
 from semloc_core.report.replay.thinned import Thinned
 from semloc_core.sources import (
     GROUND_TRUTH_TOPIC,
-    POINT_STAMPED,
-    STRING,
+    TOLERANCE_S,
     BagMessage,
     BagReader,
-    StampedPoint,
-    decode_point,
+    Run,
+    Truth,
+    TruthMatcher,
     decode_string,
+    decode_truth,
 )
 
 T = TypeVar("T")
@@ -128,13 +129,24 @@ class ReplayData:
         return bool(self.rows)
 
 
-def read_results(results: Path, loaded: LoadedMap, *, run: Path | None = None, node: str = "/localiser") -> ReplayData:
+def read_results(
+    results: Path,
+    loaded: LoadedMap,
+    *,
+    run: Path | None = None,
+    node: str = "/localiser",
+    topic: str | None = None,
+    robot: str | None = None,
+    truth_tolerance_s: float = TOLERANCE_S,
+) -> ReplayData:
     """Read a bag of answers: a replay's, or the node's as recorded.
 
     Args:
         results: the bag.
         loaded: the map that answered.
         run: a bag to take the ground truth from, in place of the results.
+        topic, robot: which of the run's topics, see `semloc_core.sources.run.Run`.
+        truth_tolerance_s: how far apart the stamps of an answer and of its ground truth may be.
         node: name of the node; its answers are on ``<node>/matches`` and ``<node>/attributions``.
 
     Raises:
@@ -143,17 +155,18 @@ def read_results(results: Path, loaded: LoadedMap, *, run: Path | None = None, n
         MessageError: a message is not what its schema says.
 
     """
-    gathering = _Gathering(loaded)
+    gathering = _Gathering(loaded, truth_tolerance_s)
     matches, attributions = f"{node}/matches", f"{node}/attributions"
-    wanted = {matches: STRING, attributions: STRING}
-    reader = BagReader(results, wanted if run is not None else {**wanted, GROUND_TRUTH_TOPIC: POINT_STAMPED})
+    own = [] if run is not None else [GROUND_TRUTH_TOPIC]
+    reader = BagReader(results, [matches, attributions, *own])
     messages: Iterator[BagMessage] = iter(reader)
     if run is not None:
-        truths = BagReader(run, {GROUND_TRUTH_TOPIC: POINT_STAMPED})
+        recorded = Run(run, topic=topic, robot=robot, truth_only=True)
+        truths = (m.raw._replace(topic=GROUND_TRUTH_TOPIC) for m in recorded if m.raw is not None)
         messages = heapq.merge(messages, truths, key=attrgetter("stamp_ns"))
     for message in messages:
         if message.topic == GROUND_TRUTH_TOPIC:
-            gathering.truth(decode_point(message.data))
+            gathering.truth(decode_truth(message))
         elif message.topic == matches:
             gathering.answer(message.stamp_ns, wire.decode(decode_string(message.data), wire.PlaceMatches))
         else:
@@ -187,14 +200,13 @@ def confused_places(wrong: Mapping[tuple[str, str], WrongPlace]) -> list[tuple[t
 class _Gathering:
     """Pairs answers with truth and attributions by stamp, in the order of the answers."""
 
-    def __init__(self, loaded: LoadedMap) -> None:
+    def __init__(self, loaded: LoadedMap, tolerance_s: float = TOLERANCE_S) -> None:
         self.start_ns: int | None = None
         self._map = loaded
         self._data = ReplayData()
         self._score = TraversalScore(loaded.buildings)
         self._latency = LatencyHistogram()
-        self._waiting: deque[tuple[float, wire.PlaceMatches]] = deque()
-        self._truths: dict[int, StampedPoint] = {}
+        self._matcher: TruthMatcher[tuple[float, wire.PlaceMatches]] = TruthMatcher(round(tolerance_s * 1e9), _WAITING)
         self._attributed: dict[int, wire.ClassAttributions] = {}
         self._points: dict[int, Point] = {}
 
@@ -210,13 +222,11 @@ class _Gathering:
         self._data.calibrated |= answer.calibrated
         if answer.latency_ms is not None:
             self._latency.add(answer.latency_ms)
-        self._waiting.append(((received_ns - self.start_ns) / 1e9, answer))
-        self._settle()
+        item = ((received_ns - self.start_ns) / 1e9, answer)
+        self._take_all(self._matcher.item(answer.stamp_ns, item))
 
-    def truth(self, truth: StampedPoint) -> None:
-        self._truths[truth.stamp_ns] = truth
-        _keep_latest(self._truths)
-        self._settle(truth.stamp_ns)
+    def truth(self, truth: Truth) -> None:
+        self._take_all(self._matcher.truth(truth))
 
     def attributions(self, message: wire.ClassAttributions) -> None:
         self._attributed[message.stamp_ns] = message
@@ -224,25 +234,19 @@ class _Gathering:
         self._join(message.stamp_ns)
 
     def finish(self) -> ReplayData:
-        while self._waiting:
-            self._take(*self._waiting.popleft())
+        self._take_all(self._matcher.rest())
         self._data.rows = cast("list[Row]", self._score.rows(self._map.model.encoder.name))
         self._data.unscored = self._score.unscored
         self._data.p50_ms, self._data.p99_ms = self._latency.percentile(50), self._latency.percentile(99)
         return self._data
 
-    def _settle(self, came_ns: int = -1) -> None:
-        """Take the answers whose truth has come, or will come no more because a later one just came."""
-        while self._waiting:
-            stamp_ns = self._waiting[0][1].stamp_ns
-            passed = came_ns > stamp_ns
-            if stamp_ns not in self._truths and not passed and len(self._waiting) <= _WAITING:
-                return
-            self._take(*self._waiting.popleft())
+    def _take_all(self, due: Iterator[tuple[tuple[float, wire.PlaceMatches], Truth | None]]) -> None:
+        for (seconds, answer), truth in due:
+            self._take(seconds, answer, truth)
 
-    def _take(self, seconds: float, answer: wire.PlaceMatches) -> None:
+    def _take(self, seconds: float, answer: wire.PlaceMatches, stamped: Truth | None) -> None:
         top = answer.matches[0] if answer.matches else None
-        stamped, truth, right = self._truths.pop(answer.stamp_ns, None), None, None
+        truth, right = None, None
         if stamped is not None and self._score.add(answer, stamped.position, stamped.frame_id):
             building = self._score.building_of(stamped.frame_id)
             assert building is not None

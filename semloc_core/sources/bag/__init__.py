@@ -2,11 +2,18 @@
 
 from semloc_core.sources.bag.cdr import (
     POINT_STAMPED,
+    POSE_STAMPED,
+    POSE_WITH_COVARIANCE,
     STRING,
     StampedPoint,
+    StampedPose,
+    Truth,
     decode_point,
+    decode_pose,
     decode_string,
     encode_point,
+    encode_pose,
+    encode_pose_with_covariance,
     encode_string,
 )
 from semloc_core.sources.bag.reader import BagMessage, BagReader, read_messages
@@ -14,7 +21,7 @@ from semloc_core.sources.bag.writer import BagWriter, Compression
 
 SCENE_GRAPH_TOPIC = "/scene_graph"
 GROUND_TRUTH_TOPIC = "/ground_truth"
-"""True positions of a run (geometry_msgs/PointStamped), for evaluation only."""
+"""True poses of a run (geometry_msgs/PoseStamped, or positions: PointStamped), for evaluation only."""
 
 __all__ = [
     "GROUND_TRUTH_TOPIC",
@@ -24,11 +31,18 @@ __all__ = [
     "BagWriter",
     "Compression",
     "POINT_STAMPED",
+    "POSE_STAMPED",
+    "POSE_WITH_COVARIANCE",
     "STRING",
     "StampedPoint",
+    "StampedPose",
+    "Truth",
     "decode_point",
+    "decode_pose",
     "decode_string",
     "encode_point",
+    "encode_pose",
+    "encode_pose_with_covariance",
     "encode_string",
     "read_messages",
 ]

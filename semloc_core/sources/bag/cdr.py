@@ -1,4 +1,4 @@
-"""CDR, ROS 2's wire encoding, of the two types that our bags hold: std_msgs/String and geometry_msgs/PointStamped.
+"""CDR, ROS 2's wire encoding, of the types that our bags hold: String, PointStamped and PoseStamped.
 
 A payload is a four-byte header (0, byte order, two option bytes) and the fields, each aligned to its size
 counted from behind the header. Decoding trusts no length: what does not fit is a `BagError`.
@@ -7,6 +7,7 @@ counted from behind the header. Decoding trusts no length: what does not fit is 
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from semloc_core.errors import BagError
@@ -14,6 +15,10 @@ from semloc_core.wire import Position
 
 STRING = "std_msgs/msg/String"
 POINT_STAMPED = "geometry_msgs/msg/PointStamped"
+POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
+POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+
+Quaternion = tuple[float, float, float, float]
 
 _HEADER = 4
 _LITTLE_ENDIAN = b"\x00\x01\x00\x00"
@@ -28,6 +33,18 @@ class StampedPoint(NamedTuple):
     stamp_ns: int
     frame_id: str
     position: Position
+
+
+class StampedPose(NamedTuple):
+    """A position (m) and orientation (unit quaternion) in ``frame_id`` at ``stamp_ns``."""
+
+    stamp_ns: int
+    frame_id: str
+    position: Position
+    orientation_xyzw: Quaternion
+
+
+Truth = StampedPoint | StampedPose
 
 
 def encode_string(text: bytes | str) -> bytes:
@@ -63,13 +80,29 @@ def encode_point(stamp_ns: int, frame_id: str, position: Position) -> bytes:
         BagError: the stamp is out of the range of builtin_interfaces/Time.
 
     """
+    return _stamped(stamp_ns, frame_id) + struct.pack("<3d", *position)
+
+
+def encode_pose(stamp_ns: int, frame_id: str, position: Position, orientation_xyzw: Quaternion) -> bytes:
+    """CDR (little endian) of a geometry_msgs/PoseStamped; see `encode_point`."""
+    return _stamped(stamp_ns, frame_id) + struct.pack("<7d", *position, *orientation_xyzw)
+
+
+def encode_pose_with_covariance(
+    stamp_ns: int, frame_id: str, position: Position, orientation_xyzw: Quaternion, covariance: Sequence[float]
+) -> bytes:
+    """CDR (little endian) of a geometry_msgs/PoseWithCovarianceStamped (36 numbers); see `encode_point`."""
+    return _stamped(stamp_ns, frame_id) + struct.pack("<43d", *position, *orientation_xyzw, *covariance)
+
+
+def _stamped(stamp_ns: int, frame_id: str) -> bytes:
+    """A payload up to where its first double begins."""
     seconds, nanoseconds = divmod(stamp_ns, _NS_PER_S)
     if not -(2**31) <= seconds < 2**31:
         raise BagError(f"expected a stamp of 32-bit seconds (got {stamp_ns} ns)")
     frame = frame_id.encode() + b"\x00"
     fields = struct.pack("<iII", seconds, nanoseconds, len(frame)) + frame
-    fields += b"\x00" * (-len(fields) % 8)
-    return _LITTLE_ENDIAN + fields + struct.pack("<3d", *position)
+    return _LITTLE_ENDIAN + fields + b"\x00" * (-len(fields) % 8)
 
 
 def decode_point(cdr: bytes | memoryview) -> StampedPoint:
@@ -79,13 +112,25 @@ def decode_point(cdr: bytes | memoryview) -> StampedPoint:
         BagError: not CDR, cut off, longer than its fields, or a frame that is not UTF-8.
 
     """
+    stamp_ns, frame_id, (x, y, z) = _doubles(cdr, 3)
+    return StampedPoint(stamp_ns, frame_id, (x, y, z))
+
+
+def decode_pose(cdr: bytes | memoryview) -> StampedPose:
+    """A geometry_msgs/PoseStamped in either byte order; see `decode_point`."""
+    stamp_ns, frame_id, (x, y, z, *turn) = _doubles(cdr, 7)
+    return StampedPose(stamp_ns, frame_id, (x, y, z), (turn[0], turn[1], turn[2], turn[3]))
+
+
+def _doubles(cdr: bytes | memoryview, count: int) -> tuple[int, str, tuple[float, ...]]:
+    """Stamp (ns), frame and the doubles behind the header."""
     view, order = _open(cdr)
     seconds, nanoseconds = _unpack(view, _HEADER, order + "iI")
     frame_id, end = _string(view, _HEADER + 8, order)
     start = end + -(end - _HEADER) % 8
-    x, y, z = _unpack(view, start, order + "3d")
-    _close(view, start + 24)
-    return StampedPoint(seconds * _NS_PER_S + nanoseconds, frame_id, (x, y, z))
+    values = _unpack(view, start, f"{order}{count}d")
+    _close(view, start + 8 * count)
+    return seconds * _NS_PER_S + nanoseconds, frame_id, values
 
 
 def _open(cdr: bytes | memoryview) -> tuple[memoryview, str]:

@@ -30,6 +30,8 @@ _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _NEEDED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.DATA_END}
 _SKIP_BYTES = 2**20
+_TAIL = 16
+"""Zeros that a record may well end with: a string's end and its padding."""
 
 
 class RawMessage(NamedTuple):
@@ -110,8 +112,16 @@ class McapStream:
             body = stream.read(length)
             if len(body) < length:
                 raise _CutOffError
+            if _is_zero(body[-_TAIL:]) and _rest_is_zero(stream, size):
+                # The file was allotted further than it was written when the power went, from within this record on.
+                raise _CutOffError
             crc = zlib.crc32(body, crc)
-            yield from self._take(opcode, memoryview(body))
+            try:
+                yield from self._take(opcode, memoryview(body))
+            except BagError as error:
+                if _rest_is_zero(stream, size):
+                    raise _CutOffError from error
+                raise
 
     def _check_end(self, stream: IO[bytes], length: int, crc: int) -> None:
         """Compare the data section's CRC (0: none was made) and see that the file is whole behind it."""
@@ -209,6 +219,24 @@ class McapStream:
 
     def _corrupt(self, expected: str, got: str) -> BagError:
         return BagError(f"expected {expected} in {self.path} (got {got})")
+
+
+def _is_zero(data: bytes) -> bool:
+    return data.count(0) == len(data)
+
+
+def _rest_is_zero(stream: IO[bytes], size: int) -> bool:
+    """Whether there is something from here to the file's end, and nothing but zeros; the position is kept."""
+    start = stream.tell()
+    if start == size:
+        return False
+    try:
+        while piece := stream.read(_SKIP_BYTES):
+            if not _is_zero(piece):
+                return False
+        return True
+    finally:
+        stream.seek(start)
 
 
 def _skip(stream: IO[bytes], length: int, crc: int) -> int:

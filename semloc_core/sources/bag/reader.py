@@ -1,11 +1,13 @@
 """Reads bags as a stream: an mcap file, also one that was cut off, or a rosbag2 folder as `ros2 bag record` writes it.
 
-Folders of older recordings (sqlite3) and folders compressed file by file go through `rosbags`.
+Recordings in sqlite3 and folders whose messages are compressed one by one go through `rosbags`.
 """
 
 from __future__ import annotations
 
 import logging
+import re
+import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
@@ -13,6 +15,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from semloc_core.errors import BagError
+from semloc_core.sources.bag.kinds import kind_of, unpacked
 from semloc_core.sources.bag.mcap_stream import MAX_RECORD_BYTES, McapStream
 
 _LOG = logging.getLogger(__name__)
@@ -33,17 +36,19 @@ class BagReader:
     """A bag's messages in file order, which for rosbag2 is the order of writing.
 
     Args:
-        path: an mcap file, a rosbag2 folder or a .db3 file.
+        path: an mcap or db3 file, also one compressed with zstd or lz4, or a rosbag2 folder; told by content.
         topics: the topics that are wanted (None: all); a mapping also says which type each must have.
         max_record_bytes: a chunk or message above this is refused.
+        quiet: log nothing.
 
     Attributes:
         types: topic -> type of all topics met so far, wanted or not.
+        definitions: topic -> definition of its type (ros2msg), as far as met and the bag has it.
         truncated: a file was cut off; its messages up to the last whole chunk were given.
         unordered: how many messages were received before the one that precedes them in the bag.
 
     Raises:
-        BagError: nothing is there, or a folder's metadata.yaml is missing or malformed.
+        BagError: nothing is there, or a folder's metadata.yaml is malformed.
 
     """
 
@@ -53,9 +58,12 @@ class BagReader:
         topics: Mapping[str, str] | Iterable[str] | None = None,
         *,
         max_record_bytes: int = MAX_RECORD_BYTES,
+        quiet: bool = False,
     ) -> None:
+        self._quiet = quiet
         self.path = Path(path)
         self.types: dict[str, str] = {}
+        self.definitions: dict[str, str] = {}
         self.truncated = False
         self.unordered = 0
         self._expected: Mapping[str, str] = topics if isinstance(topics, Mapping) else {}
@@ -65,9 +73,7 @@ class BagReader:
             raise BagError(f"expected a bag (got {self.path}, which does not exist)")
         self._files: list[Path] | None = [self.path]
         if self.path.is_dir():
-            self._files = _mcap_files(self.path)
-        elif self.path.suffix == ".db3":
-            self._files = None
+            self._files = _files_of(self.path, quiet)
 
     def __iter__(self) -> Iterator[BagMessage]:
         """Messages of the wanted topics; the bag is read from its start each time.
@@ -77,42 +83,67 @@ class BagReader:
 
         """
         self.truncated, self.unordered, latest = False, 0, 0
-        for message in self._from_mcap() if self._files is not None else self._from_rosbags():
+        for message in self._messages():
             self.unordered += message.stamp_ns < latest
             latest = max(latest, message.stamp_ns)
             yield message
         if self.unordered:
             _LOG.info("%s: %d messages are not in order of log time", self.path, self.unordered)
 
-    def _from_mcap(self) -> Iterator[BagMessage]:
-        for file in self._files or ():
-            stream = McapStream(file, self._limit)
-            wanted: dict[int, bool] = {}
-            for channel, log_ns, publish_ns, data in stream:
-                take = wanted.get(channel.id)
-                if take is None:
-                    encoding = channel.message_encoding
-                    take = wanted[channel.id] = self._wants(channel.topic, stream.type_of(channel), encoding)
-                if take:
-                    type_ = self.types[channel.topic]
-                    yield BagMessage(channel.topic, type_, log_ns, publish_ns, bytes(data))
-            if stream.truncated:
-                self.truncated = True
-                _LOG.warning("%s is cut off: read up to its last whole chunk", file)
+    def _messages(self) -> Iterator[BagMessage]:
+        if self._files is None:
+            yield from self._from_rosbags(self.path)
+            return
+        for file in self._files:
+            with unpacked(file) as (whole, cut_off):
+                if cut_off:
+                    self._cut_off(file)
+                if kind_of(whole) == "db3" or whole.suffix == ".db3":
+                    yield from self._from_rosbags(whole)
+                else:
+                    yield from self._from_mcap(whole, file)
 
-    def _from_rosbags(self) -> Iterator[BagMessage]:
+    def _cut_off(self, file: Path) -> None:
+        if not self.truncated and not self._quiet:
+            _LOG.warning("%s is cut off: read up to its last whole chunk", file)
+        self.truncated = True
+
+    def _from_mcap(self, file: Path, named: Path) -> Iterator[BagMessage]:
+        stream = McapStream(file, self._limit)
+        wanted: dict[int, bool] = {}
+        for channel, log_ns, publish_ns, data in stream:
+            take = wanted.get(channel.id)
+            if take is None:
+                encoding = channel.message_encoding
+                if (schema := stream.schemas.get(channel.schema_id)) is not None:
+                    self.definitions[channel.topic] = schema.data.decode(errors="replace")
+                take = wanted[channel.id] = self._wants(channel.topic, stream.type_of(channel), encoding)
+            if take:
+                type_ = self.types[channel.topic]
+                yield BagMessage(channel.topic, type_, log_ns, publish_ns, bytes(data))
+        if stream.truncated:
+            self._cut_off(named)
+
+    def _from_rosbags(self, path: Path) -> Iterator[BagMessage]:
         from rosbags.rosbag2 import Reader
 
+        given = 0
         try:
-            with Reader(self.path) as reader:
+            with Reader(path) as reader:
+                for c in reader.connections:
+                    self.definitions[c.topic] = c.msgdef.data
                 connections = [c for c in reader.connections if self._wants(c.topic, c.msgtype, "cdr")]
                 # rosbags takes an empty list for "all".
                 for connection, stamp_ns, data in reader.messages(connections) if connections else ():
                     yield BagMessage(connection.topic, connection.msgtype, stamp_ns, stamp_ns, bytes(data))
+                    given += 1
         except BagError:
             raise
         except Exception as error:
             # rosbags' own errors, those of its database and decompressor, and whatever odd metadata leads to.
+            if given and isinstance(error, sqlite3.DatabaseError):
+                self._cut_off(path)
+                return
             raise BagError(f"expected a rosbag2 recording (got {self.path}: {_line(error)})") from error
 
     def _wants(self, topic: str, type_: str, encoding: str) -> bool:
@@ -134,15 +165,22 @@ def read_messages(path: str | Path, topics: Mapping[str, str] | Iterable[str] | 
     return iter(BagReader(path, topics))
 
 
-def _mcap_files(folder: Path) -> list[Path] | None:
-    """The mcap files of a rosbag2 folder in order; None where rosbags has to read it (sqlite3, compressed)."""
+def _files_of(folder: Path, quiet: bool) -> list[Path] | None:
+    """The files of a rosbag2 folder in order; None where rosbags has to read it (sqlite3, compressed messages)."""
     file = folder / "metadata.yaml"
     if not file.is_file():
-        hint = "`ros2 bag reindex` makes it, or name the .mcap file"
-        raise BagError(f"expected metadata.yaml in {folder} (got none; {hint})")
+        # A recorder that was killed leaves none.
+        found = sorted((p for p in folder.iterdir() if p.is_file() and kind_of(p)), key=_natural)
+        if not found:
+            raise BagError(f"expected metadata.yaml in {folder} (got none, and no mcap or db3 file)")
+        listed = ", ".join(path.name for path in found)
+        if not quiet:
+            _LOG.warning("%s has no metadata.yaml: its files are read in the order of their names: %s", folder, listed)
+        return found
     information = _information(file)
     storage = information.get("storage_identifier")
-    if storage == "sqlite3" or str(information.get("compression_mode") or "none").lower() != "none":
+    mode = str(information.get("compression_mode") or "none").lower()
+    if storage == "sqlite3" or mode == "message":
         return None
     if storage != "mcap":
         raise BagError(f"expected storage mcap or sqlite3 in {file} (got {storage!r})")
@@ -155,6 +193,11 @@ def _mcap_files(folder: Path) -> list[Path] | None:
     if missing:
         raise BagError(f"expected {missing[0]} in {folder} (got no such file)")
     return files
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Sorts ``run_10`` behind ``run_9``."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]
 
 
 def _information(file: Path) -> dict[str, Any]:

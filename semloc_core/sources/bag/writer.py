@@ -16,7 +16,15 @@ import yaml
 from mcap.writer import CompressionType, Writer
 
 from semloc_core.errors import BagError
-from semloc_core.sources.bag.cdr import POINT_STAMPED, STRING, encode_point, encode_string
+from semloc_core.sources.bag.cdr import (
+    POINT_STAMPED,
+    POSE_STAMPED,
+    STRING,
+    Quaternion,
+    encode_point,
+    encode_pose,
+    encode_string,
+)
 from semloc_core.sources.bag.reader import BagMessage
 from semloc_core.wire import Position
 
@@ -143,6 +151,12 @@ class BagWriter:
     def write_point(self, topic: str, stamp_ns: int, frame_id: str, position: Position) -> None:
         """Append a geometry_msgs/PointStamped (m) whose header has the same stamp; see `write`."""
         self.write(topic, POINT_STAMPED, stamp_ns, encode_point(stamp_ns, frame_id, position))
+
+    def write_pose(
+        self, topic: str, stamp_ns: int, frame_id: str, position: Position, orientation_xyzw: Quaternion
+    ) -> None:
+        """Append a geometry_msgs/PoseStamped (m, unit quaternion) whose header has the same stamp; see `write`."""
+        self.write(topic, POSE_STAMPED, stamp_ns, encode_pose(stamp_ns, frame_id, position, orientation_xyzw))
 
     def write_raw(self, message: BagMessage) -> None:
         """Append a message of another bag as it is; see `write`."""

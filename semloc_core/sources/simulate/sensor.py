@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from semloc_core.graph import SceneGraph
+from semloc_core.sources.simulate.drift import Frame
 from semloc_core.wire import Object, Place, Position
 
 INVENTED_WITHIN_M = 1.5
@@ -139,19 +140,26 @@ class Revealed:
         self._fresh = fresh_ids
         self._names: dict[str, str] = {}
         self._counts: Counter[str] = Counter()
+        self._written: dict[str, Frame] = {}
         self.places: set[str] = set()
         self.objects: set[str] = set()
 
-    def see(self, in_range: Iterable[str], flicker_rate: float, rng: np.random.Generator) -> Delta:
+    def see(
+        self, in_range: Iterable[str], flicker_rate: float, rng: np.random.Generator, frame: Frame | None = None
+    ) -> Delta:
         """Reveal places, and the objects attached to them, each but for a chance of ``flicker_rate``.
 
-        An object that is in range and not detected is taken out of the graph until it is detected again.
+        An object that is in range and not detected is taken out of the graph until it is detected again. In a frame
+        that drifts all that is in range is written anew, where it then is.
         """
         now = sorted(in_range)
         delta = Delta(places=[place for place in now if place not in self.places])
         self.places.update(delta.places)
         neighbours, new = self._graph.neighbours, set(delta.places)
-        pairs = {(min(p, q), max(p, q)) for p in delta.places for q in neighbours[p] if q in self.places}
+        if frame is not None:
+            delta.places = now
+            self._written.update(dict.fromkeys(now, frame))
+        pairs = {(min(p, q), max(p, q)) for p in new for q in neighbours[p] if q in self.places}
         delta.edges = sorted(pairs)
         for key in sorted({key for place in now for key in self._perceived.children.get(place, ())}):
             seen = self._perceived.parents[key] & self.places
@@ -165,6 +173,10 @@ class Revealed:
                 delta.edges.extend((parent, key) for parent in sorted(seen))
             else:
                 delta.edges.extend((parent, key) for parent in sorted(seen & new))
+                if frame is not None:
+                    delta.objects.append(key)
+            if frame is not None:
+                self._written[key] = frame
         return delta
 
     def everything(self) -> Delta:
@@ -178,11 +190,20 @@ class Revealed:
 
     def place(self, key: str) -> Place:
         """A place as it is published."""
-        return Place(self.name(key), self._perceived.places[key])
+        return Place(self.name(key), self._placed(key, self._perceived.places[key]))
 
     def object(self, key: str) -> Object:
         """An object as it is published."""
-        return msgspec.structs.replace(self._perceived.objects[key], id=self.name(key))
+        thing = self._perceived.objects[key]
+        return msgspec.structs.replace(thing, id=self.name(key), position=self._placed(key, thing.position))
+
+    def _placed(self, key: str, position: Position) -> Position:
+        """Where a node was written, metres."""
+        frame = self._written.get(key)
+        if frame is None:
+            return position
+        x, y, z = frame.of(np.array(position)).tolist()
+        return x, y, z
 
     def name(self, key: str) -> str:
         """The id under which the run knows a node of the building."""

@@ -17,6 +17,7 @@ from msgspec import Meta
 
 from semloc_core.config import checked
 from semloc_core.graph import SceneGraph, ball
+from semloc_core.sources.simulate.drift import Frame
 from semloc_core.sources.simulate.route import WalkPoint, walk_along, walk_to_goals
 from semloc_core.sources.simulate.sensor import Delta, DetectorErrors, Revealed, perceive
 from semloc_core.wire import Odometry, Position, SceneGraphUpdate
@@ -79,6 +80,13 @@ class SimulationConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         float,
         Meta(ge=0.0, le=10.0, description="standard deviation of odometry's yaw, rad after one metre walked"),
     ] = 0.0
+    shared_frame: Annotated[
+        bool, Meta(description="whether odometry, then free of noise, is in the updates' frame and says so")
+    ] = False
+    drift: Annotated[
+        float,
+        Meta(ge=0.0, le=100.0, description="drift of the updates' frame; 1: 0.5° and 0.03 m per axis, a root metre"),
+    ] = 0.0
     frame_id: Annotated[str, Meta(description="frame of the updates and of the ground truth")] = "map"
     start_stamp_ns: Annotated[int, Meta(ge=0, le=2**61, description="stamp of the first update, ns")] = (
         1_700_000_000 * _NS_PER_S
@@ -103,12 +111,14 @@ class Step(NamedTuple):
         update: what the robot publishes.
         position: where it truly is, metres, in the building's frame.
         place: the building's place that is nearest (the update's ``query_place``, under the building's id).
+        heading: its true heading there, radians.
 
     """
 
     update: SceneGraphUpdate
     position: Position
     place: str
+    heading: float = 0.0
 
 
 class RecordedPose(Protocol):
@@ -147,7 +157,7 @@ def simulate_traversal(
 
     """
     config = SimulationConfig.of(**msgspec.structs.asdict(config))
-    walk_rng, detector_rng, flicker_rng, odometry_rng = rng.spawn(4)
+    walk_rng, detector_rng, flicker_rng, odometry_rng, drift_rng = rng.spawn(5)
     step_m = config.speed_mps / config.rate_hz
     if agents:
         poses = [pose.position for pose in sorted(agents, key=lambda pose: pose.stamp_ns)]
@@ -157,17 +167,21 @@ def simulate_traversal(
     errors = DetectorErrors(**{name: getattr(config, name) for name in DetectorErrors.__struct_fields__})
     revealed = Revealed(graph, perceive(graph, errors, detector_rng), fresh_ids=config.fresh_ids)
     odometer = _Odometer(config, odometry_rng)
-    full_at = 0.0
+    full_at, frame, last = 0.0, Frame(), 0.0
     for seq, point in enumerate(points):
         seconds = seq / config.rate_hz
         if config.duration_s and seconds > config.duration_s:
             return
-        delta = revealed.see(_in_range(graph, point, config.range_m), config.flicker_rate, flicker_rng)
+        if config.drift:
+            frame = frame.drifted(np.array(point.position), point.travelled - last, drift_rng, config.drift)
+            last = point.travelled
+        in_range = _in_range(graph, point, config.range_m)
+        delta = revealed.see(in_range, config.flicker_rate, flicker_rng, frame if config.drift else None)
         if full := seconds >= full_at:
             delta, full_at = revealed.everything(), seconds + config.full_every_s
         stamp_ns = config.start_stamp_ns + round(seq * _NS_PER_S / config.rate_hz)
-        update = _update(revealed, delta, point, config.frame_id, seq, stamp_ns, full, odometer.at(point))
-        yield Step(update, point.position, point.place)
+        update = _update(revealed, delta, point, config.frame_id, seq, stamp_ns, full, odometer.at(point, frame))
+        yield Step(update, point.position, point.place, point.heading)
 
 
 def _in_range(graph: SceneGraph, point: WalkPoint, range_m: float) -> set[str]:
@@ -205,7 +219,10 @@ def _update(
 
 
 class _Odometer:
-    """Dead reckoning in a frame that starts at the robot's first pose, so that it tells nothing about the map's."""
+    """Dead reckoning in a frame that starts at the robot's first pose, so that it tells nothing about the map's.
+
+    Where the frame is shared, the robot's pose in the updates' frame instead, as that has drifted by then.
+    """
 
     def __init__(self, config: SimulationConfig, rng: np.random.Generator) -> None:
         self._config = config
@@ -215,9 +232,13 @@ class _Odometer:
         self._yaw_error = 0.0
         self._position = np.zeros(3)
 
-    def at(self, point: WalkPoint) -> Odometry | None:
+    def at(self, point: WalkPoint, frame: Frame) -> Odometry | None:
         if not self._config.odometry:
             return None
+        if self._config.shared_frame:
+            here, half = frame.of(np.array(point.position)).tolist(), (point.heading + frame.yaw) / 2
+            facing = (0.0, 0.0, math.sin(half), math.cos(half))
+            return Odometry((here[0], here[1], here[2]), facing, self._config.frame_id)
         if self._last is None:
             self._last, self._first_heading = point, point.heading
         x, y, z = (q - p for p, q in zip(self._last.position, point.position, strict=True))

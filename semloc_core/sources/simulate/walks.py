@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from semloc_core.errors import GraphError
 from semloc_core.graph import Floats, GraphArrays, Ints
+from semloc_core.sources.simulate.drift import Frame
 
 Bools = NDArray[np.bool_]
 
@@ -40,6 +41,43 @@ class WalkConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     place_noise_m: Annotated[
         float, Meta(ge=0.0, le=100.0, description="standard deviation of a place's position, m per axis")
     ] = 0.0
+    drift: Annotated[
+        float,
+        Meta(ge=0.0, le=100.0, description="drift of the frame; 1: 0.5° and 0.03 m per axis, a root metre walked"),
+    ] = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Written:
+    """When what the online graph has was written last, at each of T steps of a walk, and where the frame was then.
+
+    A node that changes is written anew: once where nothing drifts, at each step that it is in range of where all does.
+
+    Args:
+        places: (T, P) number of a step of the whole walk; -1 for places that are not known.
+        objects: (T, O) the same.
+        metres: (S,) walked at each step of the whole walk.
+        frames: S, where the run's frame has the building; empty where it is the building's own.
+
+    """
+
+    places: Ints
+    objects: Ints
+    metres: Floats
+    frames: tuple[Frame, ...]
+
+    def at(self, steps: Ints) -> Written:
+        """Only some of the T steps."""
+        return replace(self, places=self.places[steps], objects=self.objects[steps])
+
+    def moved(self, positions: Floats, written: Ints) -> Floats:
+        """(N, 3) positions in the building as they were written, at (N,) steps."""
+        if not self.frames:
+            return positions
+        found = positions.copy()
+        for number in np.unique(written[written >= 0]).tolist():
+            found[written == number] = self.frames[number].of(positions[written == number])
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +91,7 @@ class Walk:
         metres: (T,) walked so far (true metres).
         seen_places: (T, P) bool, what the online graph has at each step.
         seen_objects: (T, O) bool, the same.
+        written: when that was written; None: nothing drifts, and all of it is new.
 
     """
 
@@ -62,6 +101,7 @@ class Walk:
     metres: Floats
     seen_places: Bools
     seen_objects: Bools
+    written: Written | None = None
 
     @property
     def steps(self) -> int:
@@ -81,11 +121,33 @@ class Walk:
             metres=self.metres[steps],
             seen_places=self.seen_places[steps],
             seen_objects=self.seen_objects[steps],
+            written=None if self.written is None else self.written.at(steps),
         )
+
+    def ages(self, step: int) -> Floats:
+        """(o,) metres walked since each object of the online graph at a step was written."""
+        if self.written is None:
+            return np.zeros(int(self.seen_objects[step].sum()))
+        written = self.written.objects[step][self.seen_objects[step]]
+        ages: Floats = self.metres[step] - self.written.metres[written]
+        return ages
+
+    def frame(self, step: int) -> Frame:
+        """Where the run's frame has the building, as the robot perceives it, at a step."""
+        # The robot's own place is always in range: it is written as the frame then is.
+        if self.written is None or not self.written.frames:
+            return Frame()
+        return self.written.frames[int(self.written.places[step, self.places[step]])]
 
     def part(self, step: int) -> tuple[GraphArrays, int]:
         """The online graph at a step by itself, and the index of the robot's place in it."""
         graph, places, objects = self.graph, self.seen_places[step], self.seen_objects[step]
+        if self.written is not None:
+            graph = replace(
+                graph,
+                place_positions=self.written.moved(graph.place_positions, self.written.places[step]),
+                object_positions=self.written.moved(graph.object_positions, self.written.objects[step]),
+            )
         index = np.cumsum(places) - 1
         seen = graph.with_objects(objects)
         edges = seen.place_edges[:, places[seen.place_edges].all(axis=0)]
@@ -116,7 +178,7 @@ def walk(graph: GraphArrays, config: WalkConfig, rng: np.random.Generator) -> Wa
         GraphError: no place has a neighbour to walk to.
 
     """
-    way_rng, noise_rng, flicker_rng = rng.spawn(3)
+    way_rng, noise_rng, flicker_rng, drift_rng = rng.spawn(4)
     lengths = graph.edge_lengths()
     n = graph.n_places
     # An edge of no length would vanish from a sparse matrix.
@@ -126,8 +188,13 @@ def walk(graph: GraphArrays, config: WalkConfig, rng: np.random.Generator) -> Wa
     perceived = _perceived(graph, config, noise_rng)
     in_range = distances[places] <= config.range_m
     seen_places = np.logical_or.accumulate(in_range, axis=0)
-    seen_objects = _seen_objects(perceived, in_range, seen_places, config.flicker_rate, flicker_rng)
-    return Walk(perceived, graph.place_positions, places, metres, seen_places, seen_objects)
+    now, seen_objects = _seen_objects(perceived, in_range, config.flicker_rate, flicker_rng)
+    drifts = config.drift > 0
+    frames = _frames(graph.place_positions[places], metres, config.drift, drift_rng) if drifts else ()
+    written = Written(
+        _written(in_range, seen_places, drifts), _written(now & seen_objects, seen_objects, drifts), metres, frames
+    )
+    return Walk(perceived, graph.place_positions, places, metres, seen_places, seen_objects, written)
 
 
 def _way(
@@ -173,17 +240,35 @@ def _perceived(graph: GraphArrays, config: WalkConfig, rng: np.random.Generator)
     return graph
 
 
+def _frames(here: Floats, metres: Floats, drift: float, rng: np.random.Generator) -> tuple[Frame, ...]:
+    """The run's frame at each step, the first one the building's own."""
+    frames = [Frame()]
+    for position, step in zip(here[1:], np.diff(metres).tolist(), strict=True):
+        frames.append(frames[-1].drifted(position, step, rng, drift))
+    return tuple(frames)
+
+
+def _written(now: Bools, seen: Bools, drifts: bool) -> Ints:
+    """(T, N) the last step at which nodes that are now in range changed; -1 where they are not known."""
+    changed = now.copy()
+    if not drifts:
+        changed[1:] &= ~seen[:-1]
+    steps = np.where(changed, np.arange(len(now))[:, None], -1)
+    return np.where(seen, np.maximum.accumulate(steps, axis=0), -1).astype(np.int64)
+
+
 def _seen_objects(
-    graph: GraphArrays, in_range: Bools, seen_places: Bools, flicker_rate: float, rng: np.random.Generator
-) -> Bools:
+    graph: GraphArrays, in_range: Bools, flicker_rate: float, rng: np.random.Generator
+) -> tuple[Bools, Bools]:
+    """(T, O) which objects are in range, and which ones the online graph has."""
     child, parent = graph.object_parents
     now = np.zeros((len(in_range), graph.n_objects), dtype=np.bool_)
     steps, links = np.nonzero(in_range[:, parent])
     now[steps, child[links]] = True
     if flicker_rate == 0:
-        return np.logical_or.accumulate(now, axis=0)
+        return now, np.logical_or.accumulate(now, axis=0)
     lost = rng.random(now.shape) < flicker_rate
     seen = np.zeros_like(now)
     for step, (near, off) in enumerate(zip(now, lost, strict=True)):
         seen[step] = np.where(near, ~off, seen[step - 1] if step else False)
-    return seen
+    return now, seen

@@ -113,3 +113,62 @@ def test_a_map_that_refuses_is_a_whole_map(semloc, write_corridor, home_map, tmp
     assert semloc("map", "add", home_map, good, bad).code == 2
     with sqlite3.connect(home_map) as there:
         assert there.execute("SELECT COUNT(*) FROM building").fetchone() == (1,), "both or none"
+
+
+def test_numbers_that_nobody_named_are_refused_by_build_and_add_alike(semloc, write_corridor, tmp_path) -> None:
+    """A map whose encoder was picked by names knows no numbers: an office's are not read as motorcycles."""
+    home = write_corridor(tmp_path / "home.json", HOME)
+    assert semloc("map", "build", home, "-o", tmp_path / "home.map").code == 0
+    numbers = without_names(
+        write_corridor(tmp_path / "numbers.json", ["chair", "table"], {"chair": (3,), "table": (9,)})
+    )
+    for words in (("build", numbers, "-o", tmp_path / "b.map"), ("add", tmp_path / "home.map", numbers)):
+        refused = semloc("map", *words)
+        assert refused.code == 2
+        assert "class_3 (1), class_9 (1); --labelspace says which classes these numbers are" in refused.err
+    names = tmp_path / "names.yaml"
+    names.write_text("synonyms: {3: chair, 9: dining table}")
+    added = semloc("map", "add", tmp_path / "home.map", numbers, "--synonyms", names)
+    assert (added.code, added.err) == (0, "")
+
+
+def test_what_a_person_says_of_numbers_wins_over_the_models(semloc, write_corridor, tmp_path) -> None:
+    """In COCO's labelspace 3 is a motorcycle."""
+    numbers = without_names(write_corridor(tmp_path / "numbers.json", ["a", "b", "a", "b"], {"a": (3,), "b": (5,)}))
+    names = tmp_path / "names.yaml"
+    names.write_text("synonyms: {class_3: chair, class_5: Dining-Table}")
+    built = semloc("map", "build", numbers, "--model", "coco", "--synonyms", names, "-o", tmp_path / "a.map")
+    assert (built.code, built.err) == (0, "")
+    told = semloc("map", "info", tmp_path / "a.map").out
+    assert "dining table" in told
+    assert "motorcycle" not in told
+    run = tmp_path / "run.mcap"
+    recorded = semloc("bag", "simulate", numbers, "--distance", "6", "--false-rate", "0", "-o", run)
+    assert "class numbers without names are recorded as such: class_3 (2), class_5 (2)" in recorded.err
+    replayed = semloc("replay", run, "--map", tmp_path / "a.map", "-q")
+    assert replayed.code == 0, replayed.err
+    assert "read as labelspace coco has them: 3 chair, 5 dining table" in replayed.err
+    home = write_corridor(tmp_path / "home.json", HOME)
+    assert semloc("map", "build", home, "-o", tmp_path / "home.map").code == 0
+    lost = semloc("replay", run, "--map", tmp_path / "home.map", "-q")
+    assert "all objects are of classes that the map does not know: class_" in lost.err
+    assert "--labelspace says which classes these numbers are" in lost.err
+
+
+def test_mostly_unknown_is_taken_without_a_model_where_that_is_meant(semloc, write_corridor, tmp_path) -> None:
+    office = write_corridor(tmp_path / "office.json", OFFICE)
+    assert "--allow-unknown" in semloc("train", office, "--start", "coco", "-o", tmp_path / "a.model").err
+    built = semloc("map", "build", office, "--allow-unknown", "-o", tmp_path / "a.map")
+    assert built.code == 0, built.err
+    assert "desk (2), whiteboard (1)" in built.err
+
+
+@pytest.mark.parametrize(
+    "command", ["train", "map build", "map add", "map replace", "map merge", "replay", "explain", "bag simulate"]
+)
+def test_options_that_are_advised_are_there(semloc, command) -> None:
+    told = semloc(*command.split(), "--help").out
+    assert "--labelspace" in told
+    assert "--synonyms" in told
+    if command in ("train", "map build", "map add", "map replace", "map merge"):
+        assert "--allow-unknown" in told

@@ -31,7 +31,7 @@ def encoder_of(space_weight: float) -> GeodesicAttentionEncoder:
 
 
 @given(valid_updates(full=True), st.sampled_from([0.0, 0.07]), st.integers(0, 99), st.booleans())
-@settings(deadline=None, max_examples=80)
+@settings(max_examples=80)
 def test_it_is_the_same_function(message: SceneGraphUpdate, space_weight: float, seed: int, weighed: bool) -> None:
     graph = SceneGraph.from_update(message)
     encoder = encoder_of(space_weight)
@@ -45,7 +45,9 @@ def test_it_is_the_same_function(message: SceneGraphUpdate, space_weight: float,
             wanted = encoder.encode(batch)
         found = query.encode(batch)
         for name in ("embedding", "credit", "self_share"):
-            assert torch.allclose(getattr(found, name), getattr(wanted, name), atol=CLOSE), name
+            # What is left of 1 has the error of every float32 sum before it, which the encoder's are.
+            close = 5 * CLOSE if name == "self_share" else CLOSE
+            assert torch.allclose(getattr(found, name), getattr(wanted, name), atol=close), name
         keep = rng.random((5, batch.n_nodes)) < 0.5
         keep[:, 0] = True
         with torch.inference_mode():

@@ -180,7 +180,7 @@ def in_hops(whole: Batch, root: int, hops: int) -> set[str]:
 
 
 @given(valid_updates(full=True), st.integers(1, 3), st.sampled_from([0.0, 1.0, 2.5]))
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_ego_graphs_agree_with_the_whole_graph(message: SceneGraphUpdate, hops: int, radius_m: float) -> None:
     graph = SceneGraph.from_update(message)
     whole = whole_graph_batch(GraphArrays.from_scene_graph(graph, LABELS), len(LABELS), hops, radius_m)
@@ -209,7 +209,7 @@ def assert_equal(a: Batch, b: Batch) -> None:
 
 
 @given(valid_updates(full=True), st.sampled_from([0.0, 1.0, 2.5]), st.randoms(use_true_random=False))
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_all_stars_at_once_are_the_stars_one_by_one(
     message: SceneGraphUpdate, radius_m: float, order: random.Random
 ) -> None:
@@ -224,7 +224,7 @@ def test_all_stars_at_once_are_the_stars_one_by_one(
 
 
 @given(valid_updates(full=True), st.randoms(use_true_random=False))
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_the_order_of_a_message_does_not_matter(message: SceneGraphUpdate, order: random.Random) -> None:
     def shuffled(items: list) -> list:
         return order.sample(items, len(items))

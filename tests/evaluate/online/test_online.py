@@ -283,3 +283,15 @@ def test_rings_gain_with_every_metre_on_real_homes(data_root: Path, tmp_path: Pa
     found = list(figures(rows, "rings", "any").values())
     assert found[0] < found[1] < found[2]
     assert found[2] > 0.7
+
+
+def test_the_peer_is_registered_against_every_building_and_finds_its_pose(root: Path) -> None:
+    rows = evaluate_online(
+        root, encoders=("rings",), walks=2, scopes_m=(0.0, 30.0), bound=False, filtered=False, verified=False, peer=True
+    )
+    peer = {row["scope"]: row for row in rows if row["method"] == "clipper"}
+    assert peer["30m"]["queries"] == rows[0]["queries"]
+    assert peer["30m"]["success@1"] == 1.0, "the same objects are there as in the map"
+    # In a frame of the robot's own: a heading that were not undone would be off by tens of degrees.
+    assert float(peer["30m"]["position_error_m_p90"] or np.inf) < 0.5
+    assert float(peer["30m"]["heading_error_deg_p90"] or np.inf) < 3.0

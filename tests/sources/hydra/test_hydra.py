@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from semloc_core.errors import FileFormatError
+from semloc_core.errors import ConfigError, FileFormatError
 from semloc_core.graph.labelspace import Labelspace
 from semloc_core.sources.hydra import AgentPose, Room, node_id, read_hydra
 from semloc_core.wire.codec import Object
@@ -173,7 +173,7 @@ def test_an_empty_graph_is_a_graph(file):
         ('{"nodes": []}', "`edges`"),
         ("[]", "array"),
         ('{"nodes": 3, "edges": []}', "$.nodes"),
-        ('{"nodes": [{"id": "p1", "attributes": {"type": "x"}}], "edges": []}', "$.nodes[0].id"),
+        ('{"nodes": [{"id": "kitchen", "attributes": {"type": "x"}}], "edges": []}', "64 bits (got kitchen)"),
         ('{"nodes": [{"id": -1, "attributes": {"type": "x"}}], "edges": []}', "64 bits (got -1)"),
         ('{"nodes": [{"id": 18446744073709551616, "attributes": {"type": "x"}}], "edges": []}', "64 bits"),
         ('{"nodes": [{"id": 1}], "edges": []}', "`attributes`"),
@@ -184,7 +184,6 @@ def test_an_empty_graph_is_a_graph(file):
         ),
         ('{"x": ' + "[" * 100_000, "recursion"),
         ('{"nodes": [], "edges": [], "metadata": {"labelspaces": {"_l2p0": [["chair", 1]]}}}', "labelspaces"),
-        ('{"nodes": [], "edges": [], "metadata": {"labelspaces": {"_l2p0": [[1, ""]]}}}', "with a name"),
     ],
 )
 def test_what_is_no_scene_graph_is_refused_in_one_line(file, text, word):
@@ -223,7 +222,7 @@ def test_binary_without_spark_dsg_says_what_to_install(tmp_path, monkeypatch):
     refused(tmp_path / "x.sparkdsg", "spark_dsg", "pip install")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_mutated_files_are_read_or_refused(tmp_path_factory, data):
     path = tmp_path_factory.mktemp("fuzz") / "g.json"
@@ -238,3 +237,91 @@ def test_mutated_files_are_read_or_refused(tmp_path_factory, data):
     except FileFormatError as error:
         line = str(error)
     assert len(line.splitlines()) == 1
+
+
+def said(read):
+    return " | ".join(read.said)
+
+
+def test_objects_without_a_place_hang_on_the_nearest_in_reach(file):
+    nodes = [place(P[0]), place(P[1], (3, 0, 0)), thing(OBJ[0], position=(2, 0, 1)), thing(OBJ[1], position=(90, 0, 0))]
+    read = read_hydra(save(file, nodes, [(P[0], P[1])]))
+    assert read.graph.parents == {str(OBJ[0]): {str(P[1])}, str(OBJ[1]): set()}
+    assert "2 objects without an edge to a place: 1 now hangs on the nearest one, 1 is more than 4 m" in said(read)
+    assert f"class_5 {OBJ[1]}" in said(read)
+
+
+def test_objects_on_2d_places_hang_on_3d_ones(file):
+    flat = place(P[3], (0, 0, 0))
+    flat["attributes"]["type"] = "Place2dNodeAttributes"
+    read = read_hydra(save(file, [place(P[0]), flat, thing(OBJ[0], position=(1, 0, 0))], [(P[3], OBJ[0])]))
+    assert read.graph.parents == {str(OBJ[0]): {str(P[0])}}
+    assert said(read) == "1 object on 2D places: 1 now hangs on the nearest one"
+
+
+def test_parts_without_an_edge_between_are_said_with_their_sizes(file):
+    nodes = [place(P[0]), place(P[1]), place(P[2]), thing(OBJ[0])]
+    read = read_hydra(save(file, nodes, [(P[0], P[1]), (P[0], OBJ[0])]))
+    assert said(read) == "the places are in 2 parts without an edge between, of 2, 1 places"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_byte_order_marks_and_what_stands_behind_the_end_are_passed_over(file, encoding):
+    text = save(file, [place(P[0]), thing(OBJ[0])], [(P[0], OBJ[0])]).read_text()
+    file.write_bytes((text + "\0\0").encode(encoding))
+    read = read_hydra(file)
+    assert read.graph.parents == {str(OBJ[0]): {str(P[0])}}
+    assert "a byte order mark" in said(read)
+    assert "2 bytes behind the end" in said(read)
+
+
+def test_labels_without_a_name_or_with_two_are_passed_over(file):
+    names = {"metadata": {"labelspaces": {"_l2p0": [[5, "chair"], [5, "seat"], [0, ""], [6, "lamp"]]}}}
+    read = read_hydra(save(file, [place(P[0]), thing(OBJ[0], 5)], [(P[0], OBJ[0])], **names))
+    assert read.graph.objects[str(OBJ[0])].class_ == "chair"
+    assert read.labelspace.classes == ("chair", "lamp")
+    assert "label 5 has two names in _l2p0: 'chair' is taken, 'seat' passed over" in said(read)
+    assert "1 label(s) without a name in _l2p0 passed over" in said(read)
+
+
+def test_names_of_the_objects_own_partition_come_before_those_of_another(file):
+    spaces = {"metadata": {"labelspaces": {"_l2p1": [[5, "chair"]], "_l2p2": [[5, "sofa"]]}}}
+    nodes = [place(P[0])] + [thing(i, 5) | {"partition": n} for n, i in enumerate(OBJ)]
+    read = read_hydra(save(file, nodes, [(P[0], i) for i in OBJ], **spaces))
+    assert [read.graph.objects[str(i)].class_ for i in OBJ] == ["chair", "chair", "sofa"]
+    assert set(read.labelspace.classes) == {"chair", "sofa"}
+    assert "those of labelspace _l2p1 are taken" in said(read)
+
+
+def test_symbols_and_numbers_as_text_are_ids(file):
+    nodes = [place("p(0)"), place(str(P[1]), (1, 0, 0)), thing("O(0)", "5"), thing("O1", 5.0)]
+    read = read_hydra(save(file, nodes, [("p(0)", P[1]), ("p(0)", "O(0)"), (str(P[1]), "O(1)")]))
+    assert set(read.graph.places) == {str(P[0]), str(P[1])}
+    assert read.graph.parents == {str(OBJ[0]): {str(P[0])}, str(OBJ[1]): {str(P[1])}}
+    assert {thing_.class_ for thing_ in read.graph.objects.values()} == {"class_5"}
+    assert read.said == ()
+
+
+def test_single_nodes_that_can_not_be_read_are_passed_over_and_counted(file):
+    broken = [{"id": P[2], "attributes": None}, place(8.070450532247929e18), thing(OBJ[1], None)]
+    read = read_hydra(save(file, [place(P[0]), thing(OBJ[0]), *broken], [(P[0], OBJ[0]), (None, P[0])]))
+    assert read.dropped == {
+        "edge that can't be read": 1,
+        "node id that is no 64-bit number": 1,
+        "node that can't be read": 1,
+        "object without a semantic_label": 1,
+    }
+    assert set(read.graph.places) == {str(P[0])}
+
+
+def test_poses_without_a_rotation_keep_their_position_and_robots_are_told_apart(file):
+    b = int(node_id("b", 0))
+    nodes = [place(P[0]), thing(OBJ[0]), agent(b, 1), agent(A, 2, (1, 2, 3))]
+    nodes[3]["attributes"]["world_R_body"] = None
+    read = read_hydra(save(file, nodes, [(P[0], OBJ[0])]))
+    assert read.robots == ["a", "b"]
+    assert read.agents_of() == [AgentPose(2, (1.0, 2.0, 3.0), None, str(A))]
+    assert [pose.id for pose in read.agents_of("b")] == [str(b)]
+    assert "1 agent pose(s) without a rotation" in said(read)
+    with pytest.raises(ConfigError, match="got 'c'; a, b"):
+        read.agents_of("c")

@@ -66,8 +66,8 @@ def follow(
     edges: Sequence[int],
     source: NDArray[np.int64],
     target: NDArray[np.int64],
-    weights: NDArray[np.float32],
-    own: NDArray[np.float32] | None,
+    weights: NDArray[np.floating[Any]],
+    own: NDArray[np.floating[Any]] | None,
 ) -> tuple[Floats, Floats]:
     """`roll_out` on arrays.
 
@@ -116,7 +116,7 @@ def _sums(index: NDArray[np.int64], weight: Floats, n: int) -> Floats:
     return np.bincount(index, weight, n).astype(np.float64, copy=False)
 
 
-def _mean_head(attention: NDArray[np.float32]) -> Floats:
+def _mean_head(attention: NDArray[np.floating[Any]]) -> Floats:
     """(E, heads) -> (E,) float64."""
     mean: Floats = attention.sum(1, dtype=np.float64) / attention.shape[1]
     return mean

@@ -3,7 +3,8 @@
 The same function as `semloc_core.encoding.encoder.paper.encoder.PaperEncoder`, which stays the one that says what it
 is; a test holds the two together. On the hundred nodes around a place, torch spends most of its time on overhead.
 What does not hang on the place is computed once: every object of a class begins alike, and so does every place, so the
-first layer is a product of how many neighbours of each kind a node has with a table of what each kind sends.
+first layer is a product of how many neighbours of each kind a node has with a table of what each kind sends. It reckons
+in float64 and rounds once, so that an embedding does not hang on how the processor at hand orders a sum.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from semloc_core.encoding.encoder.paper.gatv2 import NEGATIVE_SLOPE
 from semloc_core.encoding.place_graph import Batch
 
 Array = NDArray[np.float32]
+Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 MOST_COUNTS = 2**17
@@ -33,11 +35,11 @@ MOST_COUNTS = 2**17
 class _Sum:
     """A sum layer in eval mode: weights as (in, out), batch norm as a factor and an offset."""
 
-    message: Array
-    root: Array
-    bias: Array
-    scale: Array
-    shift: Array
+    message: Floats
+    root: Floats
+    bias: Floats
+    scale: Floats
+    shift: Floats
 
     @classmethod
     def of(cls, layer: SumLayer) -> _Sum:
@@ -70,7 +72,7 @@ class PaperQuery:
         with torch.no_grad():
             # What each kind of node begins as: a place, then an object of each class.
             features = torch.cat([torch.zeros(1, encoder.n_classes), torch.eye(encoder.n_classes)])
-            state = torch.nn.functional.elu(encoder.project(features))
+            state = torch.nn.functional.elu(encoder.project(features).double())
             self._first, *self._layers = [_Sum.of(cast("SumLayer", layer)) for layer in encoder.layers]
             start = as_array(state)
             self._sent = start @ self._first.message
@@ -102,7 +104,7 @@ class PaperQuery:
         """
         near = self._near(batch)
         z, weights, own = self._forward(near)
-        embedding = torch.from_numpy(z[None])
+        embedding = torch.from_numpy(z[None].astype(np.float32))
         if weights is None:
             return Encoded(embedding, None, None)
         is_object = near.kind > 0
@@ -127,20 +129,20 @@ class PaperQuery:
         source, target = batch.edge_index.numpy()[:, : edges[-1]]
         return _Near(batch.kinds, source, target, batch.nodes_within, edges)
 
-    def _forward(self, near: _Near) -> tuple[Array, Array | None, Array | None]:
+    def _forward(self, near: _Near) -> tuple[Floats, Floats | None, Floats | None]:
         """(D,) of unit length; (E, heads) attention and (1, heads) of the self-loop."""
         first, kinds = self._first, len(self._sent)
         n, count = near.nodes[self._hops - 1], near.edges[self._hops - 1]
         cell = near.target[:count] * kinds + near.kind[near.source[:count]]
-        counts = np.bincount(cell, minlength=n * kinds).reshape(n, kinds).astype(np.float32)
-        x: Array = counts @ self._sent
+        counts = np.bincount(cell, minlength=n * kinds).reshape(n, kinds).astype(np.float64)
+        x: Floats = counts @ self._sent
         x += self._own[near.kind[:n]]
         x = _norm(x, first)
         for hops, layer in zip(range(self._hops - 2, -1, -1), self._layers, strict=False):
             wide, n, count = n, near.nodes[hops], near.edges[hops]
             adjacency = np.bincount(near.target[:count] * wide + near.source[:count], minlength=n * wide)
-            total = adjacency.reshape(n, wide).astype(np.float32) @ x
-            y: Array = np.matmul(total, layer.message)
+            total = adjacency.reshape(n, wide).astype(np.float64) @ x
+            y: Floats = np.matmul(total, layer.message)
             y += x[:n] @ layer.root
             y += layer.bias
             x = _norm(y, layer)
@@ -149,19 +151,19 @@ class PaperQuery:
         if self._gat is not None:
             out, weights, own = self._attend(x, near.source[: near.edges[0]])
         z = (out @ self._embed)[0] + self._embed_bias
-        return z / max(np.float32(np.sqrt(np.dot(z, z))), np.float32(TINY)), weights, own
+        return z / max(float(np.sqrt(np.dot(z, z))), TINY), weights, own
 
-    def _attend(self, x: Array, source: Ints) -> tuple[Array, Array, Array | None]:
+    def _attend(self, x: Floats, source: Ints) -> tuple[Floats, Floats, Floats | None]:
         """GATv2 towards the root: (1, heads · H), weights of the edges (E, heads) and of the self-loop (1, heads)."""
         assert self._gat is not None
         heads, loops = self._gat.heads, self._gat.self_loops
         if not len(source) and not loops:
-            return self._gat_bias[None], np.zeros((0, heads), dtype=np.float32), None
+            return self._gat_bias[None], np.zeros((0, heads)), None
         rows = np.append(source, 0) if loops else source
         sent = x.take(rows, axis=0) @ self._source
         sent += self._source_bias
         pair = sent + (x[:1] @ self._target + self._target_bias)
-        logits = np.maximum(pair, np.float32(NEGATIVE_SLOPE) * pair) @ self._attention
+        logits = np.maximum(pair, NEGATIVE_SLOPE * pair) @ self._attention
         logits -= logits.max(0)
         weight = np.exp(logits, out=logits)
         weight /= weight.sum(0)
@@ -178,7 +180,7 @@ def _without(near: _Near, keep: NDArray[np.bool_]) -> _Near:
     return _Near(near.kind, near.source[stays], near.target[stays], near.nodes, edges)
 
 
-def _norm(x: Array, layer: _Sum) -> Array:
+def _norm(x: Floats, layer: _Sum) -> Floats:
     """Batch norm of tanh, in place."""
     np.tanh(x, out=x)
     x *= layer.scale

@@ -35,6 +35,7 @@ class LayoutPart:
         places: (P, 3) all places, metres.
         object_positions: (k, 3) objects of known classes, metres.
         object_classes: (k,) of these.
+        object_ids: their ids.
         detected: (k,) probability that each object is there and is detected.
 
     """
@@ -52,6 +53,7 @@ class LayoutPart:
         self.positions, self.places = graph.place_positions[rows], graph.place_positions
         known = (graph.object_classes >= 0) & uncrowded(graph.object_positions, self.config.reach_m)
         self.object_positions, self.object_classes = graph.object_positions[known], graph.object_classes[known]
+        self.object_ids: tuple[str, ...] = tuple(graph.object_ids[i] for i in np.flatnonzero(known))
         stays = np.ones(graph.n_objects) if weights is None else weights
         self.detected: Floats = self.config.detected * stays[known]
 

@@ -69,12 +69,12 @@ def align(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats)
     config, t, n = mapped.config, len(rows), len(fragment.classes)
     there = around_rows(mapped, rows)
     turn, shift = np.exp(1j * heading), np.zeros(t, dtype=np.complex128)
-    pairs = _pairs(mapped, fragment, there, turn)
+    pairs = pairs_at(mapped, fragment, there, turn, shift, FAR * (config.off_m + config.spread_m))
     anchor = (config.spread_m / config.off_m) ** 2
     for _ in range(ROUNDS):
         odds = pairs.odds(turn, shift, config.spread_m)
         total = pairs.by_seen(odds) + 1.0
-        turn, shift = _fit(pairs, odds / total[pairs.at], anchor)
+        turn, shift = fit(pairs, odds / total[pairs.at], anchor)
     odds = pairs.by_seen(pairs.odds(turn, shift, config.spread_m))[: t * n].reshape(t, n)
     return Aligned(
         np.angle(turn),
@@ -86,7 +86,7 @@ def align(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats)
 
 
 @dataclass(frozen=True, eq=False)
-class _Pairs:
+class Pairs:
     """Pairs of a seen and a mapped object of one class that a pose near its beginning could bring together.
 
     For each of T poses there is room for K pairs; where it has fewer the rest have no weight.
@@ -95,6 +95,7 @@ class _Pairs:
         terms: (T, 8, K) for a seen object at x and a mapped one at y, complex: x, y and x̄y, each its two parts, 1, and
             |x|² + |y|². The squared distance at any pose is linear in them, and so are the moments that fit a pose.
         peak: (T, K) odds of a match but for what the plane says of it, against the object being invented.
+        above: (T, K) metres that the mapped one is higher over its place than the seen one.
         at: (T, K) numbers of pose and seen object in one, as if all poses' objects were counted through.
         size: how many of these numbers there are.
 
@@ -102,15 +103,21 @@ class _Pairs:
 
     terms: Floats
     peak: Floats
+    above: Floats
     at: Ints
     size: int
 
-    def odds(self, turn: Complex, shift: Complex, spread_m: float) -> Floats:
-        """(T, K) odds that the seen object is the mapped one, and not invented."""
+    def squares(self, turn: Complex, shift: Complex, factor: float = 2.0) -> Floats:
+        """(T, K) half the squared distances of both at these poses, m², times a factor."""
         # |turn · x + shift − y|², multiplied out.
         factors = np.stack([shift * np.conj(turn), -shift, -turn, 0.5 * np.abs(shift) ** 2 + 0.5j], axis=1)
-        factors *= -1.0 / spread_m**2
+        factors *= factor
         found: Floats = (factors.view(np.float64)[:, None] @ self.terms)[:, 0]
+        return found
+
+    def odds(self, turn: Complex, shift: Complex, spread_m: float) -> Floats:
+        """(T, K) odds that the seen object is the mapped one, and not invented."""
+        found = self.squares(turn, shift, -1.0 / spread_m**2)
         np.exp(found, out=found)
         found *= self.peak
         return found
@@ -120,15 +127,17 @@ class _Pairs:
         return sums(self.at.ravel(), values.ravel(), self.size)
 
 
-def _pairs(mapped: MappedLayout, fragment: Fragment, there: There, turn: Complex) -> _Pairs:
+def pairs_at(
+    mapped: MappedLayout, fragment: Fragment, there: There, turn: Complex, shift: Complex, reach: float
+) -> Pairs:
+    """The pairs of a fragment and what is around T places that (T,) turns and shifts bring within ``reach`` metres."""
     config, t, n = mapped.config, len(turn), len(fragment.classes)
     kind, of_class = mapped.kinds(fragment.classes)
     kinds = of_class[there.classes]
     wanted = np.flatnonzero(kinds >= 0)
     x, y, up = np.ascontiguousarray(fragment.objects.T)
     # One product has all squared distances. Kinds lie far apart along a third axis: pairs are of one kind.
-    reach = FAR * (config.off_m + config.spread_m)
-    where = there.seen_from(turn, np.zeros(t, dtype=np.complex128))[wanted]
+    where = there.seen_from(turn, shift)[wanted]
     a = np.ones((5, len(wanted)))
     a[0], a[1], a[2] = where.real, where.imag, kinds[wanted] * (2 * reach)
     a[3] = (a[:3] ** 2).sum(axis=0)
@@ -143,8 +152,9 @@ def _pairs(mapped: MappedLayout, fragment: Fragment, there: There, turn: Complex
     number = np.bincount(which, minlength=t)
     k = int(number.max(initial=0)) + 1
     at = np.arange(len(which)) + (np.arange(t) * k - np.cumsum(number) + number)[which]
-    peak, of = np.zeros(t * k), np.full(t * k, t * n)
+    peak, rise, of = np.zeros(t * k), np.zeros(t * k), np.full(t * k, t * n)
     peak[at] = mapped.odds[there.objects[entry]] * np.exp(-0.5 * above * above)
+    rise[at] = there.up[entry] - up[seen]
     of[at] = which * n + seen
     here, offset = (x + 1j * y)[seen], there.offset[entry]
     both = np.conj(here) * offset
@@ -155,10 +165,16 @@ def _pairs(mapped: MappedLayout, fragment: Fragment, there: There, turn: Complex
     ):
         row[at] = term
     shape = (t, k)
-    return _Pairs(terms.reshape(8, t, k).transpose(1, 0, 2), peak.reshape(shape), of.reshape(shape), t * n + 1)
+    return Pairs(
+        terms.reshape(8, t, k).transpose(1, 0, 2),
+        peak.reshape(shape),
+        rise.reshape(shape),
+        of.reshape(shape),
+        t * n + 1,
+    )
 
 
-def _fit(pairs: _Pairs, share: Floats, anchor: float) -> tuple[Complex, Complex]:
+def fit(pairs: Pairs, share: Floats, anchor: float) -> tuple[Complex, Complex]:
     """Turn and shift that bring seen objects to their shares of mapped ones, in least squares (Umeyama 1991, 2D).
 
     Args:

@@ -107,7 +107,7 @@ class _Pairs:
     def vote(self, chosen: Ints, turn: Floats32, halves: Floats32, votes: Floats32) -> None:
         """Put into (S, p) the votes of p pairs that are off by (p,) turn, for S headings."""
         half = turn * np.float32(0.5)
-        np.matmul(halves, np.stack([np.sin(half), np.cos(half)]), out=votes)
+        np.einsum("sk,kp->sp", halves, np.stack([np.sin(half), np.cos(half)]), out=votes)
         votes *= votes
         votes *= self.scale.take(chosen) * np.float32(-0.5)
         votes += self.less.take(chosen)

@@ -47,7 +47,7 @@ configs = st.builds(
 
 
 @given(valid_updates(full=True), configs, st.integers(0, 99))
-@settings(deadline=None, max_examples=80)
+@settings(max_examples=80)
 def test_it_is_the_same_function(message: SceneGraphUpdate, config: PaperConfig, seed: int) -> None:
     graph = SceneGraph.from_update(message)
     encoder = encoder_of(config)
