@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from semloc_core.encoding.encoder import build_encoder
 from semloc_core.encoding.model import Model
 from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.map_database import LoadedMap, MapDatabase
 from semloc_core.wire.codec import Object, Place, SceneGraphUpdate

@@ -7,7 +7,7 @@ import numpy as np
 from semloc_core.encoding.encoder import build_encoder
 from semloc_core.encoding.model import Model, embed_graph
 from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.map_database import LoadedMap, MapDatabase, load
 from semloc_core.wire.codec import Object, Place, SceneGraphUpdate

@@ -12,7 +12,7 @@ from semloc_core.config import LocaliserConfig
 from semloc_core.encoding.model import embed_graph
 from semloc_core.errors import GraphError, MessageError, SemlocError
 from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.stream import Outcome
+from semloc_core.graph.changes.stream import Outcome
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import MapDatabase, load
 from semloc_core.sources.world import KINDS, draw_pair

@@ -5,12 +5,13 @@ from typing import TYPE_CHECKING
 from semloc_core.exports import exports
 
 if TYPE_CHECKING:
-    from semloc_core.graph.ages import Ages, Way
     from semloc_core.graph.arrays import Floats, GraphArrays, Ints
-    from semloc_core.graph.classes import Labels, Reading, advice, all_unknown, read_graph
-    from semloc_core.graph.delta import GraphDeltas
+    from semloc_core.graph.changes.ages import Ages, Way
+    from semloc_core.graph.changes.delta import GraphDeltas
+    from semloc_core.graph.changes.stream import Outcome, UpdateStream
     from semloc_core.graph.geodesic import ball, many_balls, ranges
-    from semloc_core.graph.labelspace import (
+    from semloc_core.graph.labels.classes import Labels, Reading, advice, all_unknown, read_graph
+    from semloc_core.graph.labels.labelspace import (
         LARGEST_ID,
         Labelspace,
         all_numbers,
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from semloc_core.graph.repair import mend
     from semloc_core.graph.resample import carried_sightings, nearest_parents, place_spacing, resample_places
     from semloc_core.graph.scene_graph import Change, SceneGraph
-    from semloc_core.graph.stream import Outcome, UpdateStream
     from semloc_core.graph.visibility import Visibility, object_distances, visible_pairs
 else:
     __getattr__ = exports(__name__)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.graph.geodesic import edge_lengths
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
 

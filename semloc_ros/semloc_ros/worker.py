@@ -160,7 +160,7 @@ class Worker:
         self.call(self._forget)
 
     def stream_counts(self) -> Counter[str]:
-        """How many updates had which outcome, see `semloc_core.graph.stream.UpdateStream.counts`."""
+        """How many updates had which outcome, see `semloc_core.graph.changes.stream.UpdateStream.counts`."""
         return Counter(self._localiser.stream.counts)
 
     @property

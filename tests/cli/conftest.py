@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from semloc_core.cli import main
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.sources.hydra import write_hydra
 from semloc_core.wire.codec import Object, Place, SceneGraphUpdate

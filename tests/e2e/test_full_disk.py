@@ -18,7 +18,7 @@ from semloc_core.cli import main
 from semloc_core.encoding.encoder import build_encoder
 from semloc_core.encoding.model import Model
 from semloc_core.errors import ModelError, TrainingError
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.map_database import load
 from semloc_core.sources.bag import read_messages
 from semloc_core.sources.world import OfficeConfig, make_office, write_world

@@ -13,7 +13,7 @@ from semloc_core.encoding.model import Model, embed_batch, embed_graph
 from semloc_core.encoding.place_graph import extract, repeat
 from semloc_core.errors import ModelError
 from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.graph.visibility import Visibility
 from semloc_core.sources.hydra import read_hydra

@@ -5,7 +5,7 @@ import pytest
 from semloc_core.encoding.general import FOLDER, general_models, load_general, load_model, pick_general
 from semloc_core.encoding.model import Model
 from semloc_core.errors import ModelError
-from semloc_core.graph.labelspace import load_labelspace
+from semloc_core.graph.labels.labelspace import load_labelspace
 
 
 def test_there_is_one_for_coco_and_one_for_the_office_labelspace() -> None:

@@ -16,7 +16,7 @@ import torch
 from semloc_core.encoding.encoder import ENCODERS, build_encoder
 from semloc_core.encoding.model import Model
 from semloc_core.errors import ModelError
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 
 LABELSPACE = Labelspace(
     "office",

@@ -13,7 +13,7 @@ from semloc_core.encoding.place_graph import extract
 from semloc_core.encoding.place_graph.extraction import Extraction
 from semloc_core.encoding.surroundings import Surroundings
 from semloc_core.errors import GraphError
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.graph.visibility import Visibility
 from semloc_core.wire.codec import Object, Place

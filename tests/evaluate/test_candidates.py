@@ -6,7 +6,7 @@ from semloc_core.encoding.encoder import build_encoder
 from semloc_core.encoding.model import Model
 from semloc_core.errors import FileFormatError
 from semloc_core.evaluate.candidates import RANKS, evaluate_candidates
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.sources.world import Furniture, OfficeConfig, RoomKind, make_world_pair, write_world
 
 SMALL = OfficeConfig(

@@ -8,7 +8,7 @@ from semloc_core.encoding.encoder import build_encoder
 from semloc_core.encoding.model import Model
 from semloc_core.errors import FileFormatError
 from semloc_core.evaluate.relocalise import evaluate_relocalise, fitted, make_arena, read_buildings
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.metrics.rows import Row
 from semloc_core.sources.world import World, write_world
 from semloc_core.training.config import TrainConfig

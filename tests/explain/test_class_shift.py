@@ -7,7 +7,7 @@ from small_building import CLASSES, building_update, make_map, make_model
 
 from semloc_core.config import LocaliserConfig
 from semloc_core.explain.class_shift import FEWEST, ClassShift, jensen_shannon
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.localiser import Localiser
 
 

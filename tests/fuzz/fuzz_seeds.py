@@ -11,7 +11,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 from small_building import CLASSES, building_update, delta, make_map, make_model
 
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.sources.bag import BagWriter, encode_string
 from semloc_core.sources.hydra.write import node_id, write_hydra

@@ -22,7 +22,7 @@ from small_building import building_update, make_map, make_model
 from semloc_core.config import LocaliserConfig
 from semloc_core.encoding.model import Model
 from semloc_core.errors import MapError, SemlocError
-from semloc_core.graph.labelspace import load_labelspace
+from semloc_core.graph.labels.labelspace import load_labelspace
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import load
 from semloc_core.sources.bag import read_messages

@@ -10,7 +10,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 import semloc_core.graph.geodesic
 from semloc_core.graph.arrays import GraphArrays
 from semloc_core.graph.geodesic import ball, edge_length, edge_lengths, many_balls, repair
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import Change, SceneGraph
 from semloc_core.graph.visibility import Visibility, visible_pairs
 from semloc_core.wire.codec import Object, Place, SceneGraphUpdate

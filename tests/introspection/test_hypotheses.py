@@ -7,7 +7,7 @@ from small_building import SPACE, building_update, make_model
 
 from semloc_core.evaluate.paper.office import office_variants
 from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.introspection.hypotheses import (
     COVERAGE,

@@ -13,7 +13,7 @@ from semloc_core.encoding.encoder import build_encoder
 from semloc_core.encoding.model import Model, embed_graph
 from semloc_core.errors import MapError
 from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.map_database import MapDatabase, describe, load
 from semloc_core.sources.hydra import read_hydra

@@ -11,7 +11,7 @@ from semloc_core.encoding.encoder import build_encoder
 from semloc_core.encoding.model import Model
 from semloc_core.evaluate.merge_cases import WORLD
 from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.map_merge.transform import Transform
 from semloc_core.sources.world import make_office

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from small_building import building_update
 
-from semloc_core.graph.labelspace import load_labelspace
-from semloc_core.graph.labelspace_files import shipped_labelspaces
+from semloc_core.graph.labels.files import shipped_labelspaces
+from semloc_core.graph.labels.labelspace import load_labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.report.colours import OTHER_STYLE, OWN, ClassLooks, class_style
 from semloc_core.report.floor_plan import Plan, building_figure

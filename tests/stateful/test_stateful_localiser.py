@@ -24,7 +24,7 @@ from semloc_core.encoding.model import embed_graph
 from semloc_core.encoding.place_graph import extract
 from semloc_core.errors import GraphError, MessageError
 from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.graph.visibility import Visibility
 from semloc_core.localiser import Localiser

@@ -12,7 +12,7 @@ from buildings import LABELS, building
 
 from semloc_core.errors import ConfigError, SemlocError, TrainingError
 from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.training.config import PerturbConfig, TrainConfig
 from semloc_core.training.loop import Report, train
 

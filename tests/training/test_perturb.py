@@ -4,7 +4,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.resample import place_spacing, resample_places
 from semloc_core.training.config import PerturbConfig
 from semloc_core.training.views.perturb import add_false_objects, displace_objects, mislabel_objects, perturb

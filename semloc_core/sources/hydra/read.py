@@ -77,7 +77,7 @@ class HydraFile:
         rooms: node id -> room.
         dropped: reason -> how many nodes and edges could not be used.
         reversed: edges between layers that ran from child to parent; they are used.
-        decided: a line for each thing that had to be decided of its classes (`semloc_core.graph.classes`).
+        decided: a line for each thing that had to be decided of its classes (`semloc_core.graph.labels.classes`).
         said: lines for the person on what was repaired, passed over or will hurt, without the file's name.
         frame_id: the frame of all positions.
 
@@ -116,8 +116,8 @@ class HydraFile:
 def read_hydra(path: str | Path, labelspace: Labelspace | Reading | None = None) -> HydraFile:
     """Read a scene-graph file.
 
-    An object's class is what `semloc_core.graph.classes` makes of its label and of the name that the file gives it
-    (``metadata.labelspaces``); a number that nobody names is ``class_<id>``.
+    An object's class is what `semloc_core.graph.labels.classes` makes of its label and of the name that the file gives
+    it (``metadata.labelspaces``); a number that nobody names is ``class_<id>``.
 
     Nodes and edges that can't be read, nodes that stand twice or have no finite position, edges that stand twice, end
     nowhere or where they begin are dropped and counted. Objects without an edge to a place hang on the nearest one

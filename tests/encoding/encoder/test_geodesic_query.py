@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from semloc_core.encoding.encoder.geodesic_attention import GeodesicAttentionConfig, GeodesicAttentionEncoder
 from semloc_core.encoding.encoder.geodesic_query import GeodesicQuery
 from semloc_core.encoding.place_graph import reach_batch
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.wire.codec import SceneGraphUpdate
 

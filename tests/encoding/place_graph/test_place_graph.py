@@ -26,7 +26,7 @@ from semloc_core.encoding.place_graph import (
 from semloc_core.encoding.place_graph.extraction import Extraction
 from semloc_core.errors import GraphError, LabelspaceError
 from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.graph.visibility import Visibility, visible_pairs
 from semloc_core.sources.hydra import read_hydra

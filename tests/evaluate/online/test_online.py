@@ -17,7 +17,7 @@ from semloc_core.evaluate.online.kidnapped import accepted_share
 from semloc_core.evaluate.online.protocol import evaluate_online
 from semloc_core.evaluate.relocalise import Arena
 from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap, MapDatabase, load
 from semloc_core.matching.observation import surroundings

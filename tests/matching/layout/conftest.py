@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.sources.world import KINDS, draw_pair
 
 Homes = tuple[list[GraphArrays], list[GraphArrays], Labelspace]

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from semloc_core.errors import ConfigError, FileFormatError
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.sources.hydra import AgentPose, Room, node_id, read_hydra
 from semloc_core.wire.codec import Object
 

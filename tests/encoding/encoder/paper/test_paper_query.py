@@ -14,7 +14,7 @@ from semloc_core.encoding.encoder.paper.encoder import PaperConfig, PaperEncoder
 from semloc_core.encoding.encoder.paper.query import PaperQuery
 from semloc_core.encoding.encoder.query import QueryEncoder
 from semloc_core.encoding.place_graph import Batch, EgoRows, ego_batch, reach_batch
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.graph.visibility import Visibility
 from semloc_core.wire.codec import Object, Place, SceneGraphUpdate

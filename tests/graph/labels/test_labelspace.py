@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from semloc_core.errors import LabelspaceError
-from semloc_core.graph.labelspace import (
+from semloc_core.graph.labels.labelspace import (
     Labelspace,
     count_unknown,
     labelspace_from_hydra,

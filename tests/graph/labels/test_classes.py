@@ -3,8 +3,8 @@
 import pytest
 
 from semloc_core.errors import LabelspaceError
-from semloc_core.graph.classes import Reading, advice, all_unknown
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.labels.classes import Reading, advice, all_unknown
+from semloc_core.graph.labels.labelspace import Labelspace
 
 MAP = Labelspace("map", ("chair", "couch", "bed"), {"chair": (3,), "couch": (11,)}, synonyms={"sofa": "couch"})
 FILE = {3: "Bed", 7: "lamp", 11: "class_11"}

@@ -15,8 +15,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from semloc_core.errors import LabelspaceError
-from semloc_core.graph.labelspace_files import read_labelspace_file, read_synonyms_file, shipped_path
-from semloc_core.graph.labelspace_files import shipped_labelspaces as shipped_labelspaces
+from semloc_core.graph.labels.files import read_labelspace_file, read_synonyms_file, shipped_path
+from semloc_core.graph.labels.files import shipped_labelspaces as shipped_labelspaces
 
 if TYPE_CHECKING:
     from pathlib import Path

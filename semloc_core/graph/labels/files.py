@@ -1,4 +1,4 @@
-"""Labelspaces and synonyms as YAML files: what is in one, strictly; `semloc_core.graph.labelspace` gives it meaning."""
+"""Labelspaces and synonyms as YAML files: what is in one, strictly; `labels.labelspace` gives it meaning."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from semloc_core.errors import LabelspaceError
 
 LARGEST_BYTES = 1 << 17
 """Some two thousand classes; a scene graph given by mistake is refused before a minute is spent on reading it."""
-FOLDER = Path(str(resources.files("semloc_core.graph"))) / "labelspaces"
+FOLDER = Path(str(resources.files("semloc_core.graph.labels"))) / "labelspaces"
 
 T = TypeVar("T")
 

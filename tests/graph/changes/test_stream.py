@@ -3,7 +3,7 @@
 import pytest
 
 from semloc_core.errors import GraphError
-from semloc_core.graph.stream import Outcome, UpdateStream
+from semloc_core.graph.changes.stream import Outcome, UpdateStream
 from semloc_core.wire.codec import Place, SceneGraphUpdate
 
 

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from semloc_core.graph.labelspace import (
+from semloc_core.graph.labels.files import shipped_labelspaces
+from semloc_core.graph.labels.labelspace import (
     Labelspace,
     folded,
     is_nameless,
@@ -25,7 +26,6 @@ from semloc_core.graph.labelspace import (
     placeholder,
     union,
 )
-from semloc_core.graph.labelspace_files import shipped_labelspaces
 
 if TYPE_CHECKING:
     from pathlib import Path
