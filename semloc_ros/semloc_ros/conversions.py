@@ -23,8 +23,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped
 from std_msgs.msg import Header, String
 
-from semloc_core.wire import codec as wire
-from semloc_core.wire.codec import Position
+from semloc_core import wire
+from semloc_core.wire import Position
 from semloc_ros.diagnostics import Line
 from semloc_ros.pose import Pose
 

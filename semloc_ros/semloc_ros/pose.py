@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.wire.codec import PlaceMatches, Position
+from semloc_core.wire import PlaceMatches, Position
 
 PLACE_STD_M = 0.5
 """A place stands for the free space around it: no match says more than this, per axis."""

@@ -23,11 +23,11 @@ from rclpy.lifecycle import LifecycleNode
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
+from semloc_core import wire
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import SceneGraph
 from semloc_core.localiser import Located
 from semloc_core.map_database import LoadedMap
-from semloc_core.wire import codec as wire
 from semloc_ros import conversions, qos
 from semloc_ros.markers import (
     MarkerIds,

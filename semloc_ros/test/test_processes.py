@@ -23,8 +23,8 @@ from pathlib import Path
 import pytest
 from ament_index_python.packages import get_package_prefix
 
-from semloc_core.sources.bag import BagReader, decode_string
-from semloc_core.wire import codec as wire
+from semloc_core import wire
+from semloc_core.sources import BagReader, decode_string
 
 SCENES = Path(__file__).parent / "processes"
 

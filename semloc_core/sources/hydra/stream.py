@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from semloc_core.errors import SemlocError
-from semloc_core.graph.classes import Reading
-from semloc_core.graph.delta import GraphDeltas
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import GraphDeltas, Reading, SceneGraph
 from semloc_core.sources.hydra.read import AgentPose, HydraFile, from_spark_dsg
-from semloc_core.wire.codec import SceneGraphUpdate
+from semloc_core.wire import SceneGraphUpdate
 
 DSG_UPDATE = "hydra_msgs/msg/DsgUpdate"
 
