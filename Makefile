@@ -31,7 +31,7 @@ $(VENV)/.test: $(VENV)/.tools
 
 # -- what users run -------------------------------------------------------------------------------------------
 
-demo: $(VENV)/.tools ## replay a recorded run against a map: matches, attributions, a report in out/demo
+demo: $(VENV)/.tools ## replay a simulated run against a map: matches, attributions, a report in out/demo
 	sh tools/demo.sh $(PY) $(OUT)/demo
 
 test: lint types unit ## ruff, the order of the rooms, mypy and the whole test suite
@@ -55,9 +55,9 @@ $(VENV)/.bench: $(VENV)/.test
 
 bench: $(VENV)/.bench ## speed beside the peers: one table, and figures in out/bench
 	@mkdir -p $(OUT)/bench
-	OMP_NUM_THREADS=1 $(PY) -m semloc_core bench --json $(OUT)/bench/bench.json
-	OMP_NUM_THREADS=1 $(PY) -m semloc_core bench growth --json $(OUT)/bench/growth.json --plot $(OUT)/bench/growth.png
-	OMP_NUM_THREADS=1 $(PY) -m semloc_core bench fleet --json $(OUT)/bench/fleet.json
+	OMP_NUM_THREADS=1 $(PY) -m semloc_core bench --force --json $(OUT)/bench/bench.json
+	OMP_NUM_THREADS=1 $(PY) -m semloc_core bench growth --force --json $(OUT)/bench/growth.json --plot $(OUT)/bench/growth.png
+	OMP_NUM_THREADS=1 $(PY) -m semloc_core bench fleet --force --json $(OUT)/bench/fleet.json
 
 FUZZ_SECONDS ?= 300
 FUZZ_UPDATES ?= 1000000

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 from msgspec import Meta
@@ -127,17 +128,49 @@ def checked(struct: type[Any], **values: Any) -> Any:
 
 def _why_not(struct: type[Any], values: Mapping[str, Any], error: str) -> str:
     """What was expected of which option; the library's words where they name none."""
-    name = error.rpartition("`$.")[2].rstrip("`") if "`$." in error else ""
     if unknown := re.fullmatch(r"Object contains unknown field `(.*)`", error):
         names = ", ".join(field.name for field in msgspec.structs.fields(struct))
         return f"expected an option among {names} (got {unknown[1]!r})"
-    option = next((option for option in options(struct) if option.name == name), None)
-    if option is None or name not in values:
+    path = re.findall(r"[^\W\d]\w*|\[", error.rpartition("`$.")[2].partition("`")[0] if "`$." in error else "")
+    hint: Any = struct
+    value: Any = values
+    for step in path:  # an option, an item of a list, an option within an option
+        hint = _items(hint) if step == "[" else get_type_hints(_plain(hint), include_extras=True).get(step)
+        if step != "[":
+            value = value.get(step) if isinstance(value, Mapping) else getattr(value, step, None)
+        if hint is None:
+            return error
+    if not path:
         return error
-    got = f"(got {str(values[name])[:80]!r})"
-    if option.choices:
-        return f"expected {name} to be one of {', '.join(option.choices)} {got}"
-    bounds = [f"at least {option.minimum:g}"] if option.minimum is not None else []
-    bounds += [f"at most {option.maximum:g}"] if option.maximum is not None else []
-    kind = {float: "a number", int: "a whole number", bool: "true or false", str: "text"}.get(option.type, "a list")
-    return f"expected {name} to be {' of '.join([kind, *filter(None, [' and '.join(bounds)])])} {got}"
+    name, got = ".".join(step for step in path if step != "["), f"(got {str(value)[:80]!r})"
+    plain = _plain(hint)
+    if get_origin(plain) is Literal:
+        return f"expected {name} to be one of {', '.join(get_args(plain))} {got}"
+    bounds = " and ".join(_bounds(hint))
+    kinds = {float: "a number", int: "a whole number", bool: "true or false", str: "text"}
+    return f"expected {name} to be {' of '.join(filter(None, [kinds.get(plain, 'a list'), bounds]))} {got}"
+
+
+def _plain(hint: Any) -> Any:
+    """A type without what is said of it, and without None where that is allowed too."""
+    while get_origin(hint) in (Annotated, Union, UnionType):
+        hint = get_args(hint)[0]
+    return hint
+
+
+def _items(hint: Any) -> Any:
+    """The type of a list's items."""
+    return next(iter(get_args(_plain(hint))), None)
+
+
+def _bounds(hint: Any) -> list[str]:
+    """Every bound of a type in words, lower ones first."""
+    words = (("ge", "at least"), ("gt", "more than"), ("le", "at most"), ("lt", "less than"))
+    found: list[str] = []
+    while get_origin(hint) in (Annotated, Union, UnionType):
+        metas = [meta for meta in get_args(hint)[1:] if isinstance(meta, Meta)]
+        found += [
+            f"{text} {bound:g}" for meta in metas for side, text in words if (bound := getattr(meta, side)) is not None
+        ]
+        hint = get_args(hint)[0]
+    return found

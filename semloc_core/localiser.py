@@ -37,6 +37,7 @@ from semloc_core.matching import (
     transform_of,
     verifier_of,
 )
+from semloc_core.text import short_repr
 from semloc_core.tracking import MapModel, Tracker
 from semloc_core.wire import (
     ClassAttributions,
@@ -47,6 +48,7 @@ from semloc_core.wire import (
     Object,
     Odometry,
     PlaceMatches,
+    Position,
     SceneGraphUpdate,
     Status,
     Transform,
@@ -57,6 +59,7 @@ from semloc_core.wire import (
 __all__ = ["EXPLAINER_SEED", "Localisation", "Localiser", "Located", "Query"]
 
 
+@short_repr
 @dataclass(eq=False)
 class Localiser:
     """Localises one robot in one map. Not thread-safe, but what it returns may be read by any thread.
@@ -97,7 +100,7 @@ class Localiser:
             places=loaded.n_places if whole is None else whole.n_places,
         )
         self._model_info: ModelInfo | None = ModelInfo(name=loaded.model.encoder.name, hash=loaded.model.hash)
-        self._index = RadiusIndex(loaded.positions, loaded.building_index, MATCH_RADIUS_M)
+        self._index = RadiusIndex(loaded.positions, loaded.storey_index, MATCH_RADIUS_M)
         verifier = verifier_of(loaded) if self.config.rerank == "layout" else None
         self._reranker = Reranker(loaded, verifier, self._index.within) if verifier is not None else None
         tracked = self.config.filter == "bayes" and loaded.n_places
@@ -107,6 +110,17 @@ class Localiser:
     def buildings(self) -> tuple[str, ...]:
         """Names of the buildings that an answer can be in."""
         return self.map.buildings
+
+    def same_storey(self, building: str, place: str, position: Position) -> bool:
+        """As of `LoadedMap.same_storey`, in the map as it is now."""
+        return building in self.map.buildings and self.map.same_storey(building, place, position)
+
+    def chance(self, building: str, position: Position) -> float:
+        """As of `LoadedMap.chance`, of the places that an answer can name."""
+        if building not in self.map.buildings:
+            return 0.0
+        part = self.map.part_of if self.config.buildings else None
+        return self.map.chance(building, position) * (part.n_places / self.map.n_places if part is not None else 1.0)
 
     def renewed(self, config: LocaliserConfig | None = None) -> Localiser:
         """Another localiser on the same map, without this one's stream; ``buildings`` are as this map was opened."""

@@ -35,6 +35,9 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 
 from semloc_core import wire
+from semloc_core.errors import SemlocError
+from semloc_core.files import FIGURES, Output, guarded, write_whole
+from semloc_core.metrics import document
 from semloc_core.sources import read_run
 from semloc_ros import qos
 
@@ -272,7 +275,18 @@ def main() -> None:
     parser.add_argument("--memory", type=int, default=0, metavar="UPDATES", help="also measure memory over so many")
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE", help="other options of the localiser")
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--force", action="store_true", help="replace figures that are there")
     options = parser.parse_args()
+    wanted = [Output("--json", options.json, FIGURES)] if options.json is not None else []
+    try:
+        with guarded(wanted, [options.map, options.run], force=options.force):
+            measure(options)
+    except SemlocError as error:
+        parser.error(str(error))
+
+
+def measure(options: argparse.Namespace) -> None:
+    """Everything that is asked for, with its figures."""
     # Ctrl-C is Python's: ROS's handler would end the context under the thread that spins.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     updates = deltas(options.run)
@@ -323,14 +337,8 @@ def main() -> None:
         rows.append({"method": "node", "scope": "memory"} | memory(options.map, updates, options.memory, others))
         show(rows[-1])
     rclpy.try_shutdown()
-    if options.json:
-        document = {
-            "command": "ros_load",
-            "seed": 0,
-            "inputs": [options.map.name, options.run.name, *options.set],
-            "rows": rows,
-        }
-        options.json.write_text(json.dumps(document, indent=1) + "\n")
+    if options.json is not None:
+        write_whole(options.json, document("ros_load", 0, [options.map.name, options.run.name, *options.set], rows))
 
 
 if __name__ == "__main__":

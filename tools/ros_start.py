@@ -12,7 +12,6 @@ made. ``floor``: an interpreter that imports torch, numpy and rclpy and makes an
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import signal
 import statistics
@@ -28,7 +27,9 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 
-from semloc_core.files import write_whole
+from semloc_core.errors import SemlocError
+from semloc_core.files import FIGURES, Output, guarded, write_whole
+from semloc_core.metrics import document
 from semloc_core.sources import read_run
 from semloc_ros import qos
 
@@ -43,7 +44,18 @@ def main() -> None:
     parser.add_argument("--run", type=Path, required=True)
     parser.add_argument("--starts", type=int, default=5)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--force", action="store_true", help="replace figures that are there")
     options = parser.parse_args()
+    wanted = [Output("--json", options.json, FIGURES)] if options.json is not None else []
+    try:
+        with guarded(wanted, [options.map, options.run], force=options.force):
+            measure(options)
+    except SemlocError as error:
+        parser.error(str(error))
+
+
+def measure(options: argparse.Namespace) -> None:
+    """Everything, with its figures."""
     first = next(iter(read_run(options.run))).text
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     figures = {"floor": middle([floor() for _ in range(options.starts)])}
@@ -52,7 +64,8 @@ def main() -> None:
     for name, values in figures.items():
         sys.stdout.write(f"{name}: " + ", ".join(f"{key} {value:.2f}" for key, value in values.items()) + "\n")
     if options.json is not None:
-        write_whole(options.json, json.dumps(figures, indent=1).encode() + b"\n")
+        rows = [{"method": name, "scope": "start", **values} for name, values in figures.items()]
+        write_whole(options.json, document("ros_start", 0, [options.map.name, options.run.name], rows))
 
 
 def middle(runs: list[dict[str, float]]) -> dict[str, float]:

@@ -61,7 +61,7 @@ if [ ! -e "$map" ] || [ ! -e "$run" ]; then
     semloc world office -o "$scratch/office.json" >/dev/null
     semloc train "$scratch/office.json" --encoder rings -o "$scratch/office.model" >/dev/null
     semloc map build "$scratch/office.json" --model "$scratch/office.model" --force -o "$map" >/dev/null
-    semloc bag simulate "$scratch/office.json" --distance 60 --seed 1 -o "$run" >/dev/null
+    semloc bag simulate --force "$scratch/office.json" --distance 60 --seed 1 -o "$run" >/dev/null
 fi
 cp "$map" "$scratch/other.map"
 
@@ -78,7 +78,7 @@ show ros2 param describe /localiser explain_rate_hz accept_probability explainer
 show ros2 param set /localiser top_n 0
 show ros2 topic list -t
 
-say '## A recorded run' ''
+say '## A simulated run, played from a bag' ''
 start ros2 bag play "$run" --loop
 wait_topic /localiser/attributions
 WIDTH=700 show ros2 topic echo --once --full-length --field data /localiser/matches

@@ -14,11 +14,13 @@ from semloc_core.encoding import Model, build_encoder, embed_graph
 from semloc_core.graph import GraphArrays
 from semloc_core.map_database import LoadedMap
 from semloc_core.sources import OfficeConfig, SimulationConfig, make_office, simulate_traversal
+from semloc_core.text import short_repr
 
 TEMPERATURE = 0.05
 NOISE = 0.3
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class BenchCase:
     """The office, an encoder of random weights (what it has learnt does not change its speed), and a run.

@@ -21,6 +21,7 @@ from semloc_core.errors import ConfigError
 from semloc_core.explain import SimilarityQuery, class_shapley, integrated_gradients
 from semloc_core.graph import GraphArrays, Labelspace
 from semloc_core.metrics import Progress, Row, no_progress
+from semloc_core.text import short_repr
 
 PLACES, COLUMNS, PITCH_M = 30, 6, 1.2
 OBJECTS, CLASSES = 30, 6
@@ -64,6 +65,7 @@ class Peer(nn.Module):
         return z @ self.target
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Case:
     """One query to explain, for this library and for its peers."""

@@ -21,6 +21,7 @@ from semloc_core.map_database import LoadedMap, stored_building
 from semloc_core.matching import Located, confidence, fragment_of_graph
 from semloc_core.metrics import Progress, Row, no_progress
 from semloc_core.sources import KINDS, SimulationConfig, draw_pair, simulate_traversal
+from semloc_core.text import short_repr
 
 T = TypeVar("T")
 Times = dict[str, tuple[float, float]]
@@ -30,6 +31,7 @@ PARTS = ("surroundings", "places proposed", "headings", "alignment", "confidence
 OFFICE_PLACES, HOMES_PLACES = 1_500, 5_000
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Walked:
     """A map with its scene graphs, and a run through one of its buildings as JSON text."""

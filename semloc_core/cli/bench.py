@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from semloc_core.cli.shared.common import Json, Seed, console, progress, show
-from semloc_core.files import write_whole
+from semloc_core.cli.shared.outputs import App, Writes
+from semloc_core.files import PICTURE, write_whole
 
 if TYPE_CHECKING:
     from semloc_core.benchmark import BenchCase
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
     Bench = Callable[[BenchCase, Progress], list[Row]]
 
-app = typer.Typer(help="Measure speed, side by side with the peers.")
+app = App(help="Measure speed, side by side with the peers.")
 
 Repeats = Annotated[int, typer.Option("--repeats", min=1, help="How often each contender is timed.")]
 ABOUT = "ratio: a contender's CPU time over the first's of its task; one thread; p50_ms and p99_ms by the clock"
@@ -116,7 +117,15 @@ def start(seed: Seed = 0, json_file: Json = None) -> None:
 def growth(
     seed: Seed = 0,
     json_file: Json = None,
-    plot: Annotated[Path | None, typer.Option("--plot", metavar="PNG", help="Draw the curves.")] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            "--plot",
+            metavar="PNG",
+            parser=Writes(PICTURE),
+            help="Draw the curves.",
+        ),
+    ] = None,
 ) -> None:
     """Time and memory against map, graph, objects in reach and classes."""
     from semloc_core.benchmark import bench_growth

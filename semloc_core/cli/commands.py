@@ -14,6 +14,7 @@ from semloc_core.cli.evaluate import commands as evaluate
 from semloc_core.cli.maps import commands as maps
 from semloc_core.cli.shared.ending import unread
 from semloc_core.cli.shared.inputs import guard
+from semloc_core.cli.shared.outputs import App
 from semloc_core.errors import SemlocError
 
 HELP = """Tells a robot where it is, and why it thinks so, from the semantics of a 3D scene graph.
@@ -40,9 +41,7 @@ WRONG = 2
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 """click's, or that of typer's own copy of click."""
 
-app = typer.Typer(
-    name="semloc", help=HELP, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode="markdown"
-)
+app = App(name="semloc", help=HELP, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode="markdown")
 
 
 class _Once(logging.Filter):

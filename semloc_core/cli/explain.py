@@ -14,14 +14,14 @@ from semloc_core.cli.shared.common import (
     RobotOption,
     SynonymsOption,
     TopicOption,
-    can_be_written,
     read_graph_or_run,
 )
 from semloc_core.cli.shared.foreign_classes import report_unknown_classes
 from semloc_core.cli.shared.map_places import only_a_file
+from semloc_core.cli.shared.outputs import Writes
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import ConfigError, GraphError
-from semloc_core.files import write_whole
+from semloc_core.files import MESSAGES, write_whole
 from semloc_core.graph import full_id, short_id
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def explain(
         bool, typer.Option("--long", help="All of it: every place listed, every explainer, object by object.")
     ] = False,
     json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", callback=can_be_written, help="Write all messages as JSON.")
+        Path | None, typer.Option("--json", metavar="FILE", parser=Writes(MESSAGES), help="Write all messages as JSON.")
     ] = None,
 ) -> None:
     """Locate one place of a graph; say what decided, and why not any other place of the map.

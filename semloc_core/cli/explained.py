@@ -12,6 +12,7 @@ from rich.text import Text
 from semloc_core.cli.shared.screen import console, cut, print_whole
 from semloc_core.explain import LAYOUT
 from semloc_core.graph import short_id
+from semloc_core.text import percent
 from semloc_core.wire import (
     ClassAttribution,
     Counterfactual,
@@ -98,7 +99,7 @@ def _because(said: MethodAttributions) -> str:
 
 
 def _shares(classes: Sequence[ClassAttribution]) -> str:
-    return ", ".join(f"{of.class_} {math.copysign(of.share, of.score):.0%}" for of in classes[:NAMED])
+    return ", ".join(f"{of.class_} {percent(math.copysign(of.share, of.score))}" for of in classes[:NAMED])
 
 
 def _would_change(explanation: Explanation, published: float) -> str:
@@ -174,7 +175,7 @@ def _print_methods(order: Sequence[MethodAttributions], of: str) -> None:
         table.add_column(said.method.replace("_", "\n"), justify="right")
     shares = [{of.class_: math.copysign(of.share, of.score) for of in said.classes} for said in order]
     for found in best.classes[:CLASSES]:
-        cells = [f"{share[found.class_]:.1%}" if found.class_ in share else "–" for share in shares]
+        cells = [percent(share[found.class_], 1) if found.class_ in share else "–" for share in shares]
         table.add_row("", found.class_, str(found.instances), *cells)
     if any(said.fidelity is not None for said in order):
         held = [f"{said.fidelity.characterisation:.3f}" if said.fidelity else "–" for said in order]
@@ -276,7 +277,7 @@ def _print_what_if(
     said = [_without([of]) for of in without if of not in idle] + ([_without(idle)] if idle else [])
     tested = [one for one in order if one.fidelity is not None and one.classes][:1]
     if tested and (fidelity := tested[0].fidelity) is not None:
-        put = f"the {fidelity.budget:.0%} of the objects that {tested[0].method} puts first"
+        put = f"the {percent(fidelity.budget)} of the objects that {tested[0].method} puts first"
         said.append(f"without {put}")
         said.append(f"  the similarity, on a scale from 0 to 1, changes by {fidelity.necessity:.3f}")
         said.append(f"with them alone, by {fidelity.sufficiency:.3f}")

@@ -13,27 +13,34 @@ from semloc_core.cli.shared.common import (
     Seed,
     SynonymsOption,
     building_name,
-    can_be_written,
     console,
     progress,
     read_graph,
 )
 from semloc_core.cli.shared.foreign_classes import report_unknown_classes
-from semloc_core.files import write_whole
+from semloc_core.cli.shared.outputs import Writes
+from semloc_core.errors import ConfigError
+from semloc_core.files import PAGE, STUDY, write_whole
 
 
 def introspect(
-    graph: Annotated[Path, typer.Argument(metavar="GRAPH", help="The scene graph.")],
+    source: Annotated[
+        Path,
+        typer.Argument(metavar="GRAPH|MAP", help="A scene graph, to train on; or a map, whose own encoder is studied."),
+    ],
+    building: Annotated[
+        str | None, typer.Option("--building", metavar="NAME", help="Of a MAP with several: the building to study.")
+    ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="HTML", callback=can_be_written, help="Write the study as one page."),
+        typer.Option("-o", "--output", metavar="HTML", parser=Writes(PAGE), help="Write the study as one page."),
     ] = None,
     keep_file: Annotated[
         Path | None,
         typer.Option(
             "--keep",
             metavar="FILE",
-            callback=can_be_written,
+            parser=Writes(STUDY),
             help="Keep the page's content, for `semloc report` to use.",
         ),
     ] = None,
@@ -46,7 +53,9 @@ def introspect(
     places: Annotated[
         int | None, typer.Option("--places", min=1, help="Explain so many places, drawn at random; default: all.")
     ] = None,
-    encoder: Annotated[str, typer.Option(help="paper, or geodesic_attention.")] = "paper",
+    encoder: Annotated[
+        str | None, typer.Option(help="paper (the default), or geodesic_attention; a MAP brings its own.")
+    ] = None,
     steps: Annotated[int | None, typer.Option("--steps", min=1, help="Training steps; default as in training.")] = None,
     traversals: Annotated[
         bool,
@@ -55,22 +64,41 @@ def introspect(
     seed: Seed = 0,
     json_file: Json = None,
 ) -> None:
-    """Train, explain every place, remove every class: which classes matter, by whom, and who can be trusted."""
+    """Explain every place, remove every class: which explainers can be trusted, and which classes matter.
+
+    On a GRAPH it trains an encoder a seed; on a MAP it studies the map's own, on variants of the building by the seeds.
+    """
     from semloc_core.explain import BUDGET, EXPLAINERS, check_methods
+    from semloc_core.files import MAP, kind_of
     from semloc_core.graph import GraphArrays, Reading, count_unknown
-    from semloc_core.introspection import MOVED_M, mean_rows, overall, ranking_rows
+    from semloc_core.introspection import MOVED_M, check_lines, mean_rows, overall, ranking_rows
     from semloc_core.introspection import introspect as study
+    from semloc_core.map_database import load
     from semloc_core.metrics import cell, document, print_table
     from semloc_core.training import train_config
 
     chosen = list(EXPLAINERS) if methods is None else [name.strip() for name in methods.split(",")]
     check_methods(chosen)
-    config = train_config(encoder, **({"steps": steps} if steps is not None else {}))
-    reading = Reading.of(labelspace, synonyms)
-    read = read_graph(graph, reading)
-    space = reading.classes_of([read.labelspace])
-    report_unknown_classes(count_unknown(read.graph, space), str(graph))
-    arrays = GraphArrays.from_scene_graph(read.graph, space, building_name(graph))
+    if kind_of(source) == MAP:
+        if encoder is not None or steps is not None:
+            raise ConfigError(
+                "expected a GRAPH with --encoder or --steps (got a map, which brings its trained encoder)"
+            )
+        loaded = load(source)
+        names = ", ".join(loaded.buildings)
+        if building is None and len(loaded.buildings) != 1:
+            raise ConfigError(f"expected --building, one of {names} (got none)")
+        name = building or loaded.buildings[0]
+        model, space, graph = loaded.model, loaded.model.labelspace, loaded.graph(name)
+    else:
+        if building is not None:
+            raise ConfigError("expected a MAP with --building (got a graph)")
+        reading = Reading.of(labelspace, synonyms)
+        read = read_graph(source, reading)
+        model, space, graph, name = None, reading.classes_of([read.labelspace]), read.graph, building_name(source)
+        report_unknown_classes(count_unknown(graph, space), str(source))
+    config = train_config(encoder or "paper", **({"steps": steps} if steps is not None else {}))
+    arrays = GraphArrays.from_scene_graph(graph, space, name)
     with progress("introspecting") as bar:
         found = study(
             arrays,
@@ -80,9 +108,13 @@ def introspect(
             methods=chosen,
             n_places=places,
             moved_m=MOVED_M if traversals else None,
+            model=model,
             progress=bar,
         )
     table = ranking_rows(found.runs, chosen)
+    console.print("which explainers passed the checks")
+    for line in check_lines(found.checks):
+        console.print(f"  {line}")
     console.print("classes by falling importance (Table IV)")
     for row in table:  # a line each, because class names are long
         ranked = [str(value) for name, value in row.items() if name not in ("method", "scope")]
@@ -103,7 +135,7 @@ def introspect(
                 console.print(f"  {row['claim']}, by {row['method']}, for {row['scope']}:")
                 console.print(f"    {cell(row, 'figure')}, {row['null']:g} if it were not so: {row['verdict']}")
     if json_file is not None:
-        write_whole(json_file, document("introspect", seed, [str(graph)], [*table, *found.rows]))
+        write_whole(json_file, document("introspect", seed, [str(source)], [*table, *found.rows]))
     if output is not None or keep_file is not None:
         from semloc_core.report import introspection_page, keep
 

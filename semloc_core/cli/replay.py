@@ -22,7 +22,10 @@ from semloc_core.cli.shared.common import (
     write_json,
 )
 from semloc_core.cli.shared.foreign_classes import report_unknown_classes
+from semloc_core.cli.shared.outputs import Writes
 from semloc_core.config import LocaliserConfig, checked, options
+from semloc_core.files import BAG, TRAJECTORY
+from semloc_core.text import percent
 
 if TYPE_CHECKING:
     from semloc_core.localiser import Localiser
@@ -36,17 +39,28 @@ OUTAGE_S = 60.0
 
 
 def replay(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="The recorded run.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The run: a bag, recorded or simulated.")],
     map_: Annotated[
         str, typer.Option("--map", metavar="MAP|URL", help="The map file, or milvus+http://host:port/name.")
     ],
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="RESULTS", help="Write matches, evidence and attributions to a bag."),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="RESULTS",
+            parser=Writes(BAG),
+            help="Write matches, evidence and attributions to a bag.",
+        ),
     ] = None,
     tum: Annotated[
         Path | None,
-        typer.Option("--tum", metavar="FILE", help="Write the poses of matches as TUM files, one a building."),
+        typer.Option(
+            "--tum",
+            metavar="FILE",
+            parser=Writes(TRAJECTORY),
+            help="Write the poses of matches as TUM files, one a building.",
+        ),
     ] = None,
     topic: TopicOption = None,
     robot: RobotOption = None,
@@ -192,4 +206,4 @@ def _line(answer: object, seconds: float) -> str:
 
 def _most(said: ClassAttributions) -> str:
     named = [of for of in said.classes[:4] if of.share >= 0.005]
-    return ", ".join(f"{of.class_} {math.copysign(of.share, of.score):.0%}" for of in named)
+    return ", ".join(f"{of.class_} {percent(math.copysign(of.share, of.score))}" for of in named)

@@ -6,16 +6,18 @@ from rich.console import Console
 from rich.table import Table
 
 from semloc_core.cli.shared.screen import many, print_whole
-from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.replay import FROM_METRES, ReplaySummary
+from semloc_core.text import percent
 
 MEASURES = {
     "queries": "answers",
     "success@1": "success@1",
     "success@5": "success@5",
     "success@10": "success@10",
+    "chance": "by chance @1",
     "accepted": "accepted (match)",
     "precision": "right of accepted",
+    "wrong_storey": "wrong storey (match)",
     "error_m": "error (m), median",
     "position_error_m": "pose: position error (m), median",
     "position_error_m_p90": "pose: position error (m), 90 %",
@@ -44,10 +46,11 @@ def print_summary(title: str, summary: ReplaySummary, console: Console) -> None:
         for row in summary.rows:
             table.add_column(_stretch(str(row["scope"])), justify="right")
         for figure, name in MEASURES.items():
-            table.add_row(name, *(_cell(row[figure]) for row in summary.rows))
+            table.add_row(name, *(_cell(row.get(figure)) for row in summary.rows))
         print_whole(table, console)
     answers = sum(summary.statuses.values())
-    statuses = ", ".join(f"{count} {name} ({count / answers:.0%})" for name, count in summary.statuses.most_common())
+    counts = summary.statuses.most_common()
+    statuses = ", ".join(f"{count} {name} ({percent(count / answers)})" for name, count in counts)
     for name, text in (
         ("status", f"{statuses or 'no answer'}, of {many(summary.updates, 'update')}"),
         ("probability", _calibrated(summary)),
@@ -71,7 +74,7 @@ def _cell(value: object) -> str:
 
 
 def _calibrated(summary: ReplaySummary) -> str:
-    meaning = f"the chance that the place is within {MATCH_RADIUS_M:g} m"
+    meaning = "the chance that the place is right"
     if summary.calibrated == summary.listed:
         return f"calibrated: {meaning}" if summary.listed else "none: no answer lists a place"
     if not summary.calibrated:

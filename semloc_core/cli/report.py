@@ -7,13 +7,12 @@ from typing import Annotated
 
 import typer
 
-from semloc_core.cli.shared.common import RobotOption, ToleranceOption, TopicOption, can_be_written, console
+from semloc_core.cli.shared.common import RobotOption, ToleranceOption, TopicOption, console
 from semloc_core.cli.shared.map_places import only_a_file
-from semloc_core.files import write_whole
+from semloc_core.cli.shared.outputs import App, Writes
+from semloc_core.files import PAGE, PICTURE, write_whole
 
-app = typer.Typer(
-    no_args_is_help=True, help="Make pages and pictures of what was measured; they open without a network."
-)
+app = App(no_args_is_help=True, help="Make pages and pictures of what was measured; they open without a network.")
 
 Results = Annotated[
     Path, typer.Argument(metavar="RESULTS", help="A bag of answers: written by `semloc replay -o`, or recorded.")
@@ -41,7 +40,7 @@ def replay(
     results: Results,
     map_file: MapOption,
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="HTML", callback=can_be_written, help="Where to write the page.")
+        Path, typer.Option("-o", "--output", metavar="HTML", parser=Writes(PAGE), help="Where to write the page.")
     ],
     study: StudyOption = None,
     run: RunOption = None,
@@ -69,7 +68,7 @@ def replay(
 def study(
     kept_file: Annotated[Path, typer.Argument(metavar="FILE", help="What `semloc introspect --keep` wrote.")],
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="HTML", callback=can_be_written, help="Where to write the page.")
+        Path, typer.Option("-o", "--output", metavar="HTML", parser=Writes(PAGE), help="Where to write the page.")
     ],
 ) -> None:
     """One HTML page of a study of explanations."""
@@ -85,7 +84,7 @@ def picture(
     results: Results,
     map_file: MapOption,
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="PNG", callback=can_be_written, help="Where to write the picture.")
+        Path, typer.Option("-o", "--output", metavar="PNG", parser=Writes(PICTURE), help="Where to write the picture.")
     ],
     run: RunOption = None,
     node: NodeOption = "/localiser",

@@ -15,7 +15,6 @@ from semloc_core.cli.shared.common import (
     Seed,
     SynonymsOption,
     building_name,
-    can_be_written,
     console,
     note,
     progress,
@@ -23,7 +22,9 @@ from semloc_core.cli.shared.common import (
     show,
 )
 from semloc_core.cli.shared.foreign_classes import AllowUnknown, check_classes
+from semloc_core.cli.shared.outputs import Writes
 from semloc_core.errors import ConfigError
+from semloc_core.files import MODEL, PICTURE, STATE
 
 if TYPE_CHECKING:
     from semloc_core.metrics import Row
@@ -40,7 +41,7 @@ WHY_ENDED = {
 def train(
     graphs: Annotated[list[Path], typer.Argument(metavar="GRAPH...", help="Graphs of the buildings to train on.")],
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="MODEL", callback=can_be_written, help="Where to write the model.")
+        Path, typer.Option("-o", "--output", metavar="MODEL", parser=Writes(MODEL), help="Where to write the model.")
     ],
     loss: Annotated[
         Literal["infonce", "triplet", "contrastive", "mil_nce"] | None,
@@ -85,13 +86,13 @@ def train(
     steps: Annotated[int | None, typer.Option(min=1, help="Training steps at most.")] = None,
     max_seconds: Annotated[float | None, typer.Option(min=1.0, help="Stop training after this many seconds.")] = None,
     curve: Annotated[
-        Path | None, typer.Option(metavar="PNG", callback=can_be_written, help="Draw the loss curve.")
+        Path | None, typer.Option(metavar="PNG", parser=Writes(PICTURE), help="Draw the loss curve.")
     ] = None,
     resume: Annotated[
         Path | None,
         typer.Option(
             metavar="STATE",
-            callback=can_be_written,
+            parser=Writes(STATE, in_place=True),
             help="Keep the training state here, and go on from it if it exists.",
         ),
     ] = None,

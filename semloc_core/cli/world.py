@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from semloc_core.cli.shared.common import Seed, can_be_written, console, progress
+from semloc_core.cli.shared.common import Seed, console, progress
+from semloc_core.cli.shared.outputs import App, Writes
+from semloc_core.files import FOLDER, GRAPH
 
-app = typer.Typer(no_args_is_help=True, help="Generate buildings.")
+app = App(no_args_is_help=True, help="Generate buildings.")
+
+
+def _folder(kind: str, seed: int, number: int) -> str:
+    return f"{kind}_{seed}_{number:03d}"
+
+
+def _files(kind: str, seed: int, count: int, **_: object) -> Iterator[str]:
+    """What `many` writes into its folder."""
+    for i in range(count):
+        yield from (f"{_folder(kind, seed, i)}/{name}.json" for name in ("map", "query"))
 
 
 @app.command("office")
@@ -17,7 +30,11 @@ def office(
     output: Annotated[
         Path,
         typer.Option(
-            "-o", "--output", metavar="GRAPH", callback=can_be_written, help="Where to write the graph (JSON)."
+            "-o",
+            "--output",
+            metavar="GRAPH",
+            parser=Writes(GRAPH),
+            help="Where to write the graph (JSON).",
         ),
     ],
     seed: Seed = 0,
@@ -37,7 +54,11 @@ def home(
     output: Annotated[
         Path,
         typer.Option(
-            "-o", "--output", metavar="GRAPH", callback=can_be_written, help="Where to write the graph (JSON)."
+            "-o",
+            "--output",
+            metavar="GRAPH",
+            parser=Writes(GRAPH),
+            help="Where to write the graph (JSON).",
         ),
     ],
     seed: Seed = 0,
@@ -54,7 +75,14 @@ def home(
 
 @app.command("many")
 def many(
-    root: Annotated[Path, typer.Argument(metavar="ROOT", help="Folder to write to: ROOT/*/map.json and query.json.")],
+    root: Annotated[
+        Path,
+        typer.Argument(
+            metavar="ROOT",
+            parser=Writes(FOLDER, files=lambda values: _files(**values), inside=GRAPH),
+            help="Folder to write to: ROOT/*/map.json and query.json.",
+        ),
+    ],
     kind: Annotated[
         Literal["home", "coco_office", "office"],
         typer.Option(help="Homes or offices of COCO's classes, or offices of uHumans2's."),
@@ -71,7 +99,7 @@ def many(
     with progress("building") as bar:
         for i in range(count):
             bar(i, count, kind)
-            folder = root / f"{kind}_{seed}_{i:03d}"
+            folder = root / _folder(kind, seed, i)
             folder.mkdir(parents=True, exist_ok=True)
             mapped, seen = draw_pair(KINDS[kind], np.random.default_rng([seed, i]))
             write_world(folder / "map.json", mapped)

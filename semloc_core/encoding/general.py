@@ -13,6 +13,7 @@ from pathlib import Path
 from semloc_core.encoding.model import Model
 from semloc_core.errors import ModelError
 from semloc_core.graph import advice, all_numbers, listed
+from semloc_core.text import percent
 
 FOLDER = Path(str(resources.files("semloc_core.encoding"))) / "general_models"
 LEAST_KNOWN = 0.5
@@ -74,7 +75,7 @@ def pick_general(objects: Mapping[str, int], *, least_known: float = LEAST_KNOWN
         names = ", ".join(known) or "none"
         raise ModelError(
             f"expected --model, or a building of which a general encoder ({names}) knows "
-            f"{f'at least {least_known:.0%} of the objects' if least_known else 'an object'} "
+            f"{f'at least {percent(least_known)} of the objects' if least_known else 'an object'} "
             f"(got {_unknown(objects, known, best) if best and total else 'none'})"
         )
     return best[0], best[1], known[best[0]]

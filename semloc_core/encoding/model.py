@@ -18,10 +18,12 @@ from semloc_core.encoding.place_graph import Batch
 from semloc_core.errors import ConfigError, LabelspaceError, ModelError
 from semloc_core.files import write_whole
 from semloc_core.graph import GraphArrays, Labelspace
+from semloc_core.text import short_repr
 
 ROOTS_AT_ONCE = 1024  # places a batch, where each place brings copies of the objects in its reach
 
 
+@short_repr
 @dataclass(eq=False)
 class Model:
     """What `semloc train` makes, a map carries and a robot runs.

@@ -28,6 +28,7 @@ from semloc_core.encoding import (
 )
 from semloc_core.graph import GraphArrays
 from semloc_core.metrics import Row
+from semloc_core.text import short_repr
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -36,6 +37,7 @@ LABELS_ONLY: tuple[type[Encoder], ...] = (PaperEncoder, BagOfWordsEncoder, Histo
 """Encoders that read class labels and edges; for those that read distances too, colours bound nothing."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Aliasing:
     """What colours say of the places of a map.

@@ -87,8 +87,7 @@ def _judge(name: str, model: Model, arena: Arena, metres: Sequence[float], walks
         right, groups = list[NDArray[np.bool_]](), list[Ints]()
         for b, graph, places, truth in queries:
             best = metrics.top(similarity_matrix(embed_places(model, graph, places), database), max(RANKS))
-            away = np.linalg.norm(arena.positions[best] - truth[:, None], axis=2)
-            right.append((away <= MATCH_RADIUS_M) & (arena.building[best] == b))
+            right.append(arena.right(best, b, truth, MATCH_RADIUS_M))
             groups.append(np.full(len(places), b, dtype=np.int64))
         if right:
             row: Row = {"method": name, "scope": scope, "queries": sum(map(len, right)), "unknown": unknown}

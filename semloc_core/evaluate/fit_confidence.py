@@ -1,8 +1,8 @@
 """Fits `matching.layout.confidence` on generated buildings: ``python -m semloc_core.evaluate.fit_confidence``.
 
-No real building is read. Homes and offices are drawn, each mapped once and seen again by a detector of any quality; a
-robot walks through the second run, and each fragment of its graph is asked in maps of few buildings and of many, with
-its own among them and without.
+No real building is read. Homes and offices are drawn, of one storey or several, some of them towers of floors that are
+alike, each mapped once and seen again by a detector of any quality; a robot walks through the second run, and each
+fragment of its graph is asked in maps of few buildings and of many, with its own among them and without.
 """
 
 from __future__ import annotations
@@ -17,12 +17,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.errors import GraphError
+from semloc_core.errors import GraphError, SemlocError
 from semloc_core.evaluate.verified_answers import fragments_along, layout_verifier
-from semloc_core.files import write_whole
-from semloc_core.graph import Floats, GraphArrays, Labelspace, load_labelspace
-from semloc_core.matching import FEATURES, Calibration, LayoutVerifier, features
-from semloc_core.sources import KINDS, BuildingKind, WalkConfig, draw_pair, walk
+from semloc_core.files import CALIBRATION, Output, guarded, write_whole
+from semloc_core.graph import Floats, GraphArrays, Labelspace, load_labelspace, storey_at
+from semloc_core.matching import (
+    FEATURES,
+    MOST_SURE,
+    Calibration,
+    LayoutVerifier,
+    Tested,
+    features,
+    near_figures,
+    other_figures,
+    perfect,
+)
+from semloc_core.sources import KINDS, BuildingKind, WalkConfig, draw_pair, draw_stacked, walk
+from semloc_core.text import short_repr
 from semloc_core.training import PerturbConfig, perturb
 
 BUILDINGS = 24
@@ -33,37 +44,68 @@ LONGEST_M = 60.0
 AWAY_WEIGHT = 0.25
 """Weight of an answer given in a building that the map does not have, against one given at home."""
 TWINS = 0.15
-"""Share of the answers at home whose building has a twin in the map: two floors of one plan, furnished alike."""
+"""Share of the answers at home whose building has a twin in the map, of the same plan and furniture."""
+STOREYS = 0.5
+"""Share of the buildings that have two or three storeys; of these `ALIKE` are towers of floors that are alike."""
+ALIKE = 0.4
 PENALTY = 0.3
 """Inverse of the L2 penalty (scikit-learn's ``C``)."""
 
 Bools = NDArray[np.bool_]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
-class Examples:
-    """N answers.
+class Example:
+    """One answer.
 
     Args:
-        x: (N, F) of `features`.
-        right: (N,) the best place is within the match radius of the robot.
-        at_home: (N,) the robot's building is in the map.
+        x: (F,) of `features`.
+        right: the best answer is right, by its place nearest to where it has the robot.
+        at_home: the robot's building is in the map.
+        share: of the best answer in the belief, by likelihood.
+        score: (A,) of the other answers.
+        others: (A,) which of them are right, in the same way.
+        perfect: the best score that there could be.
+        n_objects: seen.
+        away: (K,) metres of places from where an answer that is right has the robot.
+        near: (K,) which of them are right.
 
     """
 
     x: Floats
-    right: Bools
-    at_home: Bools
+    right: bool
+    at_home: bool
+    share: float
+    score: Floats
+    others: Bools
+    perfect: float
+    n_objects: int
+    away: Floats
+    near: Bools
 
 
 def draw_buildings(
-    kind: BuildingKind, number: int, rng: np.random.Generator
+    kind: BuildingKind, number: int, rng: np.random.Generator, storeys: float = 0.0
 ) -> tuple[list[GraphArrays], list[GraphArrays], Labelspace]:
-    """Buildings as mapped and, in the same frames, as seen again by detectors from good to bad."""
+    """Buildings as mapped and, in the same frames, as seen again by detectors from good to bad.
+
+    Args:
+        kind: of building.
+        number: how many.
+        rng: the only source of randomness.
+        storeys: share of those of two or three storeys.
+
+    """
     space = load_labelspace(kind.labelspace)
     maps, again = [], []
     for index in range(number):
-        mapped, seen = (GraphArrays.from_scene_graph(w.graph, space, str(index)) for w in draw_pair(kind, rng))
+        if storeys and rng.random() < storeys:
+            alike, changed = bool(rng.random() < ALIKE), float(rng.uniform(0.0, 0.3))
+            pair = draw_stacked(kind, int(rng.integers(2, 4)), rng, alike=alike, changed=changed)
+        else:
+            pair = draw_pair(kind, rng)
+        mapped, seen = (GraphArrays.from_scene_graph(w.graph, space, str(index)) for w in pair)
         worse = PerturbConfig(
             mobility_scale=0.0,
             jitter_m=float(rng.uniform(0.0, 0.45)),
@@ -78,68 +120,106 @@ def draw_buildings(
 
 def gather(
     maps: Sequence[GraphArrays], again: Sequence[GraphArrays], n_classes: int, walks: int, rng: np.random.Generator
-) -> Examples:
+) -> list[Example]:
     """Answers along walks through the second runs, at home and away."""
     # Each building's twin is in the database too, but asked only now and then.
     verifier = layout_verifier((*maps, *maps), n_classes)
-    found = [
+    return [
         example
         for building, graph in enumerate(again)
         for _ in range(walks)
-        for example in _walked(verifier, building, len(maps), graph, rng)
+        for example in _walked(verifier, building, maps, graph, rng)
     ]
-    x, right, at_home = zip(*found, strict=True)
-    return Examples(np.array(x), np.array(right), np.array(at_home))
 
 
-def fit(examples: Examples) -> Calibration:
-    """Two logistic regressions on the figures, their squares and products."""
+def fit(examples: Sequence[Example]) -> Calibration:
+    """Logistic regressions: two on the figures, their squares and products; then those of other answers and places."""
     from sklearn.linear_model import LogisticRegression
 
-    x = examples.x
+    def fitted(x: Floats, truth: Bools, weight: Floats) -> tuple[float, ...]:
+        model = LogisticRegression(C=PENALTY, max_iter=5000).fit(x[:, 1:], truth, sample_weight=weight)
+        return tuple(np.round([*model.intercept_, *model.coef_[0]], 6).tolist())
+
+    x = np.array([e.x for e in examples])
     blank = Calibration(
         features=FEATURES,
         mean=tuple(np.round(x.mean(axis=0), 6).tolist()),
         deviation=tuple(np.round(np.maximum(x.std(axis=0), 1e-3), 6).tolist()),
         right=(),
         in_map=(),
+        others=(),
+        near=(),
     )
     terms = blank.terms(x)
-    weight = np.where(examples.at_home, 1.0, AWAY_WEIGHT)
-    heads = []
-    for truth in (examples.right, examples.at_home):
-        model = LogisticRegression(C=PENALTY, max_iter=5000).fit(terms[:, 1:], truth, sample_weight=weight)
-        heads.append(tuple(np.round([*model.intercept_, *model.coef_[0]], 6).tolist()))
-    return msgspec.structs.replace(blank, right=heads[0], in_map=heads[1])
+    at_home = np.array([e.at_home for e in examples])
+    weight = np.where(at_home, 1.0, AWAY_WEIGHT)
+    right, in_map = (fitted(terms, truth, weight) for truth in (np.array([e.right for e in examples]), at_home))
+    best, home = (1.0 / (1.0 + np.exp(-terms @ np.array(head))) for head in (right, in_map))
+    home = np.maximum(best, home)
+    best = np.minimum(best, np.array([e.share for e in examples]) * np.minimum(home, MOST_SURE))
+    figures = [
+        other_figures(e.score, b, h, e.perfect, e.n_objects)
+        for e, b, h in zip(examples, best.tolist(), home.tolist(), strict=True)
+        if len(e.score)
+    ]
+    counts = np.array([len(e.score) for e in examples])
+    near = np.concatenate([near_figures(e.away, e.n_objects) for e in examples])
+    return msgspec.structs.replace(
+        blank,
+        right=right,
+        in_map=in_map,
+        others=fitted(np.concatenate(figures), np.concatenate([e.others for e in examples]), np.repeat(weight, counts)),
+        near=fitted(near, np.concatenate([e.near for e in examples]), np.ones(len(near))),
+    )
 
 
 def _walked(
-    verifier: LayoutVerifier, building: int, n_buildings: int, graph: GraphArrays, rng: np.random.Generator
-) -> Iterator[tuple[Floats, bool, bool]]:
-    mapped = verifier.mapped
+    verifier: LayoutVerifier, building: int, maps: Sequence[GraphArrays], graph: GraphArrays, rng: np.random.Generator
+) -> Iterator[Example]:
+    mapped, own = verifier.mapped, maps[building]
     try:
         way = walk(graph, WalkConfig(distance_m=LONGEST_M), rng)
     except GraphError:  # a building without two places that are joined
         return
     metres = [0.0, *np.exp(rng.uniform(0.0, np.log(LONGEST_M), 3))]
     steps = np.unique(np.minimum(np.searchsorted(way.metres, metres), way.steps - 1)).astype(np.int64)
-    others = np.array([b for b in range(n_buildings) if b != building])
+    others = np.array([b for b in range(len(maps)) if b != building])
     for step, fragment in zip(steps, fragments_along(way, steps, verifier, rng), strict=True):
+        truth = way.positions[way.places[step]]
+        first = int(np.searchsorted(mapped.building, building))
+        right = np.zeros(mapped.n_places, dtype=np.bool_)
+        off = np.linalg.norm(own.place_positions - truth, axis=1)
+        same = own.storeys == storey_at(truth, own.place_positions, own.storeys)
+        right[first : first + own.n_places] = (off <= MATCH_RADIUS_M) & same
         some = rng.permutation(others)[: int(np.ceil(len(others) ** rng.uniform()))]
         for at_home in (True, False):
             asked = some
             if at_home:
                 asked = np.append(some, building)
                 if rng.random() < TWINS:
-                    asked = np.append(asked, building + n_buildings)
-            only = np.isin(mapped.building, asked)
-            answer = verifier.verify(fragment, only=only)
+                    asked = np.append(asked, building + len(maps))
+            answer = verifier.verify(fragment, only=np.isin(mapped.building, asked))
             if answer is None:
                 continue
-            best = answer.rows[0]
-            off = np.linalg.norm(mapped.positions[best] - way.positions[way.places[step]])
-            right = bool(off <= MATCH_RADIUS_M and mapped.building[best] == building)
-            yield features(answer, fragment, mapped), right, at_home
+            found = Tested.of(answer, mapped)
+            nearest = answer.rows[[found.nearest(a, mapped, answer.rows) for a in found.separate]]
+            so = right[nearest]
+            at = int(np.argmax(so))
+            beside = (mapped.storey == found.storey[found.separate[at]]) & bool(so.any())
+            away = np.linalg.norm(mapped.positions - found.pose[found.separate[at]], axis=1)
+            beside &= away <= 2 * MATCH_RADIUS_M
+            yield Example(
+                x=features(answer, fragment, mapped),
+                right=bool(so[0]),
+                at_home=at_home,
+                share=float(found.masses(1.0)[0]),
+                score=found.score[found.separate[1:]],
+                others=so[1:],
+                perfect=perfect(fragment, mapped),
+                n_objects=len(fragment.classes),
+                away=away[beside],
+                near=right[beside],
+            )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -149,14 +229,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--buildings", type=int, default=BUILDINGS, help="of each kind")
     parser.add_argument("--walks", type=int, default=WALKS, help="through each building")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--force", action="store_true", help="replace a calibration that is there")
     options = parser.parse_args(arguments)
-    rng = np.random.default_rng(options.seed)
-    parts = []
+    try:
+        with guarded([Output("--output", options.output, CALIBRATION)], [], force=options.force):
+            write_whole(options.output, calibration(options.buildings, options.walks, options.seed))
+    except SemlocError as error:
+        parser.error(str(error))
+
+
+def calibration(buildings: int, walks: int, seed: int) -> bytes:
+    """The file: fitted on walks through so many buildings of each kind."""
+    rng = np.random.default_rng(seed)
+    examples: list[Example] = []
     for kind in KINDS.values():
-        maps, again, space = draw_buildings(kind, options.buildings, rng)
-        parts.append(gather(maps, again, len(space), options.walks, rng))
-    joined = Examples(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("x", "right", "at_home")))
-    write_whole(options.output, msgspec.json.format(msgspec.json.encode(fit(joined)), indent=1) + b"\n")
+        maps, again, space = draw_buildings(kind, buildings, rng, STOREYS)
+        examples += gather(maps, again, len(space), walks, rng)
+    return msgspec.json.format(msgspec.json.encode(fit(examples)), indent=1) + b"\n"
 
 
 if __name__ == "__main__":

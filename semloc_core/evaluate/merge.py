@@ -18,7 +18,7 @@ from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.encoding import Model, embed_graph, similarity_matrix
 from semloc_core.errors import MapError
 from semloc_core.evaluate.merge_cases import Case, misplaced_m
-from semloc_core.graph import GraphArrays, Ints, Labelspace, SceneGraph
+from semloc_core.graph import GraphArrays, Ints, Labelspace, SceneGraph, storey_at
 from semloc_core.map_database import History, class_weights, move_rates, object_weights
 from semloc_core.map_merge import MergeConfig, Side, Transform, merge, side
 from semloc_core.metrics import Progress, Row, no_progress
@@ -45,12 +45,14 @@ class _Map:
 
     Args:
         positions: (P, 3) of each building.
+        storeys: (P,) of each.
         embeddings: (P, D) of each.
         of_class: what each class weighs.
 
     """
 
     positions: tuple[NDArray[np.float64], ...]
+    storeys: tuple[NDArray[np.int64], ...]
     embeddings: tuple[Embeddings, ...]
     of_class: dict[str, float]
 
@@ -165,7 +167,10 @@ def _embed(lives: Sequence[_Life], model: Model) -> _Map:
     of_class = _of_class(lives, model)
     sides = [_side(life, model, of_class) for life in lives]
     return _Map(
-        tuple(each.arrays.place_positions for each in sides), tuple(each.embeddings for each in sides), of_class
+        tuple(each.arrays.place_positions for each in sides),
+        tuple(each.arrays.storeys for each in sides),
+        tuple(each.embeddings for each in sides),
+        of_class,
     )
 
 
@@ -197,9 +202,10 @@ def _success(
 
 
 def _right(asked: Sequence[GraphArrays], model: Model, map_: _Map, radius_m: float) -> NDArray[np.bool_]:
-    """(Q, 5) whether each answer is right: near enough, in the right building."""
+    """(Q, 5) whether each answer is right: near enough, in the right building and on the right storey."""
     database, positions = np.concatenate(map_.embeddings), np.concatenate(map_.positions)
     building = np.repeat(np.arange(len(map_.positions)), [len(each) for each in map_.positions])
+    storey = np.concatenate(map_.storeys)
     found = []
     for number, query in enumerate(asked):
         classes = [*model.labelspace.classes, ""]
@@ -207,7 +213,10 @@ def _right(asked: Sequence[GraphArrays], model: Model, map_: _Map, radius_m: flo
         z = embed_graph(model, query, dict(zip(query.object_ids, of_object, strict=True)))
         best = metrics.top(similarity_matrix(z, database), 5)
         away = np.linalg.norm(positions[best] - query.place_positions[:, None], axis=2)
-        found.append((away <= radius_m) & (building[best] == number))
+        own = building == number
+        truth = [storey_at(point, positions[own], storey[own]) for point in query.place_positions]
+        near = (away <= radius_m) & (building[best] == number)
+        found.append(near & (storey[best] == np.array(truth, dtype=np.int64)[:, None]))
     return np.concatenate(found)
 
 

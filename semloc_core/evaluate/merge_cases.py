@@ -19,6 +19,7 @@ from semloc_core.evaluate.relocalise import make_arena, read_buildings
 from semloc_core.graph import Floats, GraphArrays, Labelspace, SceneGraph, many_balls, nearest_parents, union
 from semloc_core.map_merge import Transform
 from semloc_core.sources import OfficeConfig, WalkConfig, make_office, walk
+from semloc_core.text import short_repr
 from semloc_core.training import PERTURBATIONS, PerturbConfig, perturb
 
 # Fewer places than the paper's office has: what is asked here does not need them.
@@ -46,6 +47,7 @@ class LifeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     range_m: Annotated[float, Meta(gt=0.0, le=1e3, description="what is seen from the way, m along the graph")] = 5.0
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Visit:
     """A traversal that is merged.
@@ -60,6 +62,7 @@ class Visit:
     truth: Transform
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Case:
     """One building.

@@ -2,13 +2,14 @@
 
 ROOT/*/query.json against ROOT/*/map.json, all maps in one database. Nothing is shared between a query and its map
 but the building: places are sampled anew, objects are as a detector saw them. A match is right in the same building
-and within 4 m (three-dimensional: the floor above is another place).
+within 4 m and on the same storey; that of the truth is told by the building's own map (`semloc_core.graph.storeys`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import msgspec
@@ -20,15 +21,17 @@ from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.encoding import Model, build_encoder, embed_graph, extract_all, similarity_matrix
 from semloc_core.errors import FileFormatError
 from semloc_core.evaluate.verified_answers import add_error, any_frame, layout_verifier, reranked, written_in
-from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, union
+from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, storey_at, union
 from semloc_core.matching import Placed, fragment_of_arrays
 from semloc_core.metrics import PoseErrors, Progress, Row, accepted_share, expected_calibration_error, no_progress
 from semloc_core.sources import HydraFile, read_hydra
+from semloc_core.text import short_repr
 from semloc_core.training import Report, TrainConfig, train
 
 BASELINES = ("bag_of_words", "tfidf", "histogram", "rings")
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Building:
     """A building mapped and seen again."""
@@ -38,6 +41,7 @@ class Building:
     query: HydraFile
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Arena:
     """All buildings as arrays in one labelspace; the database is the places of all maps, building by building.
@@ -62,6 +66,39 @@ class Arena:
     def building(self) -> Ints:
         """(M,) index of the building of each of the database's places."""
         return np.repeat(np.arange(len(self.maps)), [building.n_places for building in self.maps]).astype(np.int64)
+
+    @cached_property
+    def storey(self) -> Ints:
+        """(M,) number of the storey of each of the database's places, in its building."""
+        return np.concatenate([building.storeys for building in self.maps])
+
+    def truth_storeys(self, building: int, truth: Floats) -> Ints:
+        """(K,) the storeys that (K, 3) points of a building are on, by its own map."""
+        mapped = self.maps[building]
+        if not mapped.storeys.any():
+            return np.zeros(len(truth), dtype=np.int64)
+        return np.array([storey_at(p, mapped.place_positions, mapped.storeys) for p in truth], dtype=np.int64)
+
+    def right(self, best: Ints, building: int, truth: Floats, radius_m: float) -> NDArray[np.bool_]:
+        """(K, N) whether answers are within the radius and on the storey of where the robot is.
+
+        Args:
+            best: (K, N) rows of the database.
+            building: that the robot is in.
+            truth: (K, 3) where in it, metres.
+            radius_m: how near is right.
+
+        """
+        away = np.linalg.norm(self.positions[best] - truth[:, None], axis=2)
+        found: NDArray[np.bool_] = (away <= radius_m) & (self.building[best] == building)
+        found &= self.storey[best] == self.truth_storeys(building, truth)[:, None]
+        return found
+
+    def chance(self, building: int, radius_m: float) -> Floats:
+        """(Q,) the share of all places that are right for each query of a building: success@1 of a blind guess."""
+        every = np.arange(len(self.building))[None]
+        found: Floats = self.right(every, building, self.queries[building].place_positions, radius_m).mean(axis=1)
+        return found
 
 
 def evaluate_relocalise(
@@ -95,8 +132,9 @@ def evaluate_relocalise(
 
     Returns:
         For each method a row for ``all`` and one a building: ``success@N`` for N = 1, 5, 10 with a 95 % bootstrap
-        interval ``_low``, ``_high`` and ``queries``. A building's interval is over its queries; that of ``all``
-        over buildings, since what can vary is which buildings a robot meets (over queries where there is only one).
+        interval ``_low``, ``_high``, ``queries``, and ``chance`` (`Arena.chance`, averaged). A building's interval is
+        over its queries; that of ``all`` over buildings, since what can vary is which buildings a robot meets (over
+        queries where there is only one).
 
     Raises:
         FileFormatError: no building in the folder, or a file that can't be read.
@@ -175,23 +213,22 @@ def fitted(name: str, arena: Arena) -> Model:
 def judge_arena(method: str, model: Model, arena: Arena, radius_m: float, seed: int) -> list[Row]:
     """The rows of one method; see `evaluate_relocalise`."""
     database = np.concatenate([embed_graph(model, graph) for graph in arena.maps])
-    positions, building = arena.positions, arena.building
     right = []
     for index, query in enumerate(arena.queries):
         best = metrics.top(similarity_matrix(embed_graph(model, query), database), max(metrics.RANKS))
-        away = np.linalg.norm(positions[best] - query.place_positions[:, None], axis=2)
-        right.append((away <= radius_m) & (building[best] == index))
+        right.append(arena.right(best, index, query.place_positions, radius_m))
     rng = np.random.default_rng(seed)
     names = [query.name for query in arena.queries]
     of_building = np.repeat(np.arange(len(right)), [len(found) for found in right]).astype(np.int64)
     rows = [_row(method, "all", np.concatenate(right), rng, of_building if len(right) > 1 else None)]
-    return rows + [_row(method, name, found, rng, None) for name, found in zip(names, right, strict=True)]
+    rows += [_row(method, name, found, rng, None) for name, found in zip(names, right, strict=True)]
+    return _with_chance(rows, arena, radius_m)
 
 
 def judge_layout(method: str, model: Model, arena: Arena, radius_m: float, seed: int) -> list[Row]:
     """The rows of one method whose answers are verified by layout; see `evaluate_relocalise`."""
     database = np.concatenate([embed_graph(model, graph) for graph in arena.maps])
-    positions, building = arena.positions, arena.building
+    building = arena.building
     verifier = layout_verifier(arena.maps, len(arena.labelspace))
     right, sure, abroad = [], [], []
     errors, whole = [], PoseErrors()
@@ -205,8 +242,7 @@ def judge_layout(method: str, model: Model, arena: Arena, radius_m: float, seed:
         best = reranked(verifier, fragments, similarity, chances=said, places=places)
         if len(arena.queries) > 1:
             reranked(verifier, fragments, similarity, building != index, said_abroad)
-        away = np.linalg.norm(positions[best] - query.place_positions[:, None], axis=2)
-        right.append((away <= radius_m) & (building[best] == index))
+        right.append(arena.right(best, index, query.place_positions, radius_m))
         errors.append(PoseErrors())
         for q in np.flatnonzero(right[-1][:, 0]).tolist():
             for tally in (errors[-1], whole):
@@ -218,6 +254,7 @@ def judge_layout(method: str, model: Model, arena: Arena, radius_m: float, seed:
     of_building = np.repeat(np.arange(len(right)), [len(found) for found in right]).astype(np.int64)
     rows = [_row(name, "all", every, rng, of_building if len(right) > 1 else None)]
     rows += [_row(name, query.name, found, rng, None) for query, found in zip(arena.queries, right, strict=True)]
+    rows = _with_chance(rows, arena, radius_m)
     for row, said, found in zip(rows, [np.concatenate(sure), *sure], [every, *right], strict=True):
         row["ece"] = expected_calibration_error(said, found[:, 0])
     for row, tally in zip(rows, [whole, *errors], strict=True):
@@ -225,6 +262,14 @@ def judge_layout(method: str, model: Model, arena: Arena, radius_m: float, seed:
     if len(arena.queries) > 1:
         accepted = accepted_share(np.concatenate(sure), np.concatenate(abroad), every[:, 0])
         rows.append({"method": name, "scope": "foreign", "queries": len(every), **accepted})
+    return rows
+
+
+def _with_chance(rows: list[Row], arena: Arena, radius_m: float) -> list[Row]:
+    """The rows of all buildings and of each, with the share of places that are right."""
+    each = [arena.chance(building, radius_m) for building in range(len(arena.queries))]
+    for row, of in zip(rows, [np.concatenate(each), *each], strict=True):
+        row["chance"] = float(of.mean()) if len(of) else float("nan")
     return rows
 
 

@@ -12,26 +12,32 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
+from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
 from semloc_core.encoding import Model, embed_graph, similarity_matrix
 from semloc_core.evaluate.online.answers import OnlineWalk, make_walks, steps_at
 from semloc_core.evaluate.online.fragments import answered, embed_walk, stars_along
 from semloc_core.evaluate.relocalise import Arena, fitted, make_arena, read_buildings
-from semloc_core.evaluate.verified_answers import fragments_along, layout_verifier
+from semloc_core.evaluate.verified_answers import any_frame, fragments_along, layout_verifier
 from semloc_core.explain import SimilarityQuery, explain
-from semloc_core.graph import Floats, union
-from semloc_core.matching import IN_MAP, Fragment, LayoutVerifier, Verified, confidence
+from semloc_core.graph import Floats, Ints, union
+from semloc_core.matching import IN_MAP, Fragment, LayoutVerifier, Placed, Verified, confidence, placed
 from semloc_core.metrics import Progress, Row, no_progress
 from semloc_core.sources import WalkConfig
+from semloc_core.text import short_repr
 
 SCOPES_M = (0.0, 2.5, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 40.0)
+LISTED = 10
+"""Places that an answer lists."""
 STRANGER_M = 2.0
 """A seen object is on the map where that has one of its class so near to it."""
 NAMED = 3
 """Classes that are named as what speaks for either place."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Judged:
     """One answer.
@@ -44,12 +50,19 @@ class Judged:
         truth: (3,) where that is in the building's map, metres.
         fragment: what was around the robot, n objects, in a frame of its own.
         found: the test of the likeliest places; None where nothing fitted anywhere.
-        right: the best one is within the match radius of the robot.
+        rows: (N,) the places listed, best first.
+        said: (N,) the probability of each.
+        chance: the share of the map's places that are right.
+        rights: (N,) which of them are within the match radius of the robot and on its storey.
+        right: so is the first one.
+        wrong_storey: the first one is within the match radius of the robot or above or below it, on another storey.
         alone_right: so is the encoder's own best one.
         probability: said of it.
         status: as a localiser with the default options says it.
         abroad: the same two with the robot's building left out of the map.
         step: of its walk.
+        placing: where the robot's frame lies by the best place; None where nothing was tested.
+        yaw: how that frame truly is turned against the building's, radians.
 
     """
 
@@ -60,14 +73,22 @@ class Judged:
     truth: Floats
     fragment: Fragment
     found: Verified | None
+    rows: Ints
+    said: Floats
+    chance: float
+    rights: NDArray[np.bool_]
     right: bool
+    wrong_storey: bool
     alone_right: bool
     probability: float
     status: str
     abroad: tuple[float, str]
     step: int
+    placing: Placed | None = None
+    yaw: float = 0.0
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Study:
     """All answers, and what they were given from."""
@@ -105,18 +126,25 @@ def study_trust(
     config = msgspec.structs.replace(config or WalkConfig(), distance_m=max(*scopes_m, 1e-9))
     paths = make_walks(arena, config, walks, seed)
     answers = []
+    every = np.arange(len(arena.positions))[None]
     for number, path in enumerate(paths):
         progress(number, len(paths), arena.maps[path.building].name)
         at = steps_at(path.walk, scopes_m)
         asked = path.walk.at(at)
         similarity = similarity_matrix(embed_walk(model, asked), database)
+        similar = metrics.top(similarity, 2 * LISTED)
         alone, known = similarity.argmax(axis=1), answered(asked)
         fragments = fragments_along(path.walk, at, verifier, np.random.default_rng([seed, number]))
+        turned = any_frame(np.random.default_rng([seed, number])).yaw
         for k, fragment in enumerate(fragments):
             truth = asked.truth()[k]
-            near = (arena.building == path.building) & (np.linalg.norm(arena.positions - truth, axis=1) <= radius_m)
+            near = arena.right(every, path.building, truth[None], radius_m)[0]
             found = verifier.verify(fragment, similarity[k]) if known[k] else None
             probability, status = _said(verifier, fragment, found)
+            rows, said = listed(verifier, fragment, found, similar[k])
+            same = arena.storey[rows[0]] == arena.truth_storeys(path.building, truth[None])[0]
+            flat = np.linalg.norm(arena.positions[rows[0], :2] - truth[:2])
+            beside = flat <= radius_m and arena.building[rows[0]] == path.building
             elsewhere = arena.building != path.building
             only = np.where(elsewhere, similarity[k], np.float32(-2))
             abroad = verifier.verify(fragment, only, elsewhere) if known[k] else None
@@ -129,16 +157,30 @@ def study_trust(
                     truth=truth,
                     fragment=fragment,
                     found=found,
-                    right=bool(known[k] and near[found.rows[0] if found is not None else alone[k]]),
+                    rows=rows,
+                    said=said,
+                    chance=float(near.mean() * known[k]),
+                    rights=near[rows] & known[k],
+                    right=bool(known[k] and near[rows[0]]),
+                    wrong_storey=bool(known[k] and beside and not same),
                     alone_right=bool(known[k] and near[alone[k]]),
                     probability=probability,
                     status=status,
                     abroad=_said(verifier, fragment, abroad),
                     step=int(at[k]),
+                    placing=_placing(verifier, fragment, found),
+                    yaw=-(turned + path.walk.frame(int(at[k])).yaw),
                 )
             )
     progress(len(paths), len(paths), "done")
     return Study(arena, model, verifier, paths, answers, radius_m)
+
+
+def _placing(verifier: LayoutVerifier, fragment: Fragment, found: Verified | None) -> Placed | None:
+    if found is None:
+        return None
+    best = int(found.rows[0])
+    return placed(verifier.mapped, fragment, found, [best]).get(best)
 
 
 def _said(verifier: LayoutVerifier, fragment: Fragment, found: Verified | None) -> tuple[float, str]:
@@ -146,7 +188,7 @@ def _said(verifier: LayoutVerifier, fragment: Fragment, found: Verified | None) 
     if found is None:
         return 0.0, "unknown"
     sure = confidence(found, fragment, verifier.mapped)
-    probability = float(sure.probability[0])
+    probability = float(sure.probability.max())
     if probability >= LocaliserConfig().accept_probability:
         return probability, "match"
     return probability, "ambiguous" if sure.in_map >= IN_MAP else "unknown"
@@ -179,10 +221,29 @@ def strangers(study: Study, judged: Judged) -> list[str]:
     return found
 
 
+def listed(verifier: LayoutVerifier, fragment: Fragment, found: Verified | None, similar: Ints) -> tuple[Ints, Floats]:
+    """(N,) rows that an answer lists, best first, and (N,) the probability of each, as a localiser has them.
+
+    Args:
+        verifier: of the map.
+        fragment: what was around the robot.
+        found: the test; None where nothing fitted.
+        similar: rows by falling similarity.
+
+    """
+    if found is None:
+        return similar[:LISTED], np.zeros(min(len(similar), LISTED))
+    sure = confidence(found, fragment, verifier.mapped)
+    rows = np.concatenate([found.rows[sure.order], similar[~np.isin(similar, found.rows)]])
+    said = sure.answers.probability(verifier.mapped, rows)
+    chosen = np.argsort(-said, kind="stable")[:LISTED]
+    return rows[chosen], said[chosen]
+
+
 def at_truth(study: Study, judged: Judged) -> Verified | None:
     """The same test of the places within the match radius of the robot."""
-    positions, building = study.arena.positions, study.arena.building
-    near = (building == judged.building) & (np.linalg.norm(positions - judged.truth, axis=1) <= study.radius_m)
+    every = np.arange(len(study.arena.positions))[None]
+    near = study.arena.right(every, judged.building, judged.truth[None], study.radius_m)[0]
     return study.verifier.verify(judged.fragment, None, near)
 
 
@@ -205,11 +266,10 @@ def _failure(study: Study, judged: Judged) -> Row:
     }
     if found is None:
         return row
-    best = int(found.rows[0])
+    best = int(judged.rows[0])
     if arena.building[best] == judged.building:
         row["off_m"] = round(float(np.linalg.norm(arena.positions[best] - judged.truth)), 1)
-    away = np.linalg.norm(arena.positions[found.rows] - judged.truth, axis=1)
-    tried = (away <= study.radius_m) & (arena.building[found.rows] == judged.building)
+    tried = arena.right(found.rows[None], judged.building, judged.truth[None], study.radius_m)[0]
     row |= {"answer": arena.maps[arena.building[best]].name, "fit": round(float(found.score[0]), 2)}
     row["tried"] = int(tried.any())
     if there is None:

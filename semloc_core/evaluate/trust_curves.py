@@ -10,13 +10,17 @@ from numpy.typing import NDArray
 
 from semloc_core import metrics
 from semloc_core.evaluate.trust import Judged, Study, strangers
+from semloc_core.evaluate.verified_answers import add_error
 from semloc_core.graph import Floats
-from semloc_core.metrics import BINS, Row
+from semloc_core.metrics import BINS, PoseErrors, Row, expected_calibration_error
+from semloc_core.text import short_repr
 
 STATUSES = ("match", "ambiguous", "unknown")
 THRESHOLDS = (0.5, 0.8, 0.9)
 OBJECTS = (0, 1, 4, 7, 10, 15)
 SHARES = (0.0, 0.2, 0.4, 0.6)
+RANKED = {"rank_1": slice(0, 1), "ranks_2_to_10": slice(1, 10)}
+"""Places listed whose probabilities are judged apart."""
 LEAST = 5
 """A tenth of the probabilities with fewer answers has no point in the diagram: its share would be noise."""
 
@@ -24,7 +28,8 @@ LEAST = 5
 def status_rows(study: Study) -> list[Row]:
     """By metres walked: how many answers are right, what each status's share of the answers is, and how often right.
 
-    Rows of scope ``foreign …``: the same shares with the robot's building left out of the map.
+    The errors of the pose (`PoseErrors.figures`) are those of right answers. ``chance``: how many blind guesses would
+    be right. Rows of scope ``foreign …``: the same shares with the robot's building left out of the map.
     """
     rows: list[Row] = []
     for scope in _scopes(study):
@@ -33,11 +38,22 @@ def status_rows(study: Study) -> list[Row]:
             "method": "rings + layout",
             "scope": f"{scope:g}m",
             "queries": len(answers),
+            "chance": float(np.mean([judged.chance for judged in answers])),
             "right": float(np.mean([judged.right for judged in answers])),
         }
         for status in STATUSES:
             right = [judged.right for judged in answers if judged.status == status]
             row |= {status: len(right) / len(answers), f"{status}_right": float(np.mean(right)) if right else None}
+        matches = [judged for judged in answers if judged.status == "match"]
+        row["wrong_storey"] = sum(judged.wrong_storey for judged in matches)
+        row |= {
+            f"ece_{name}": expected_calibration_error(*said_and_so(answers, ranks)) for name, ranks in RANKED.items()
+        }
+        errors = PoseErrors()
+        for judged in answers:
+            if judged.right:
+                add_error(errors, judged.placing, judged.fragment, judged.truth, judged.yaw)
+        row |= errors.figures()
         rows.append(row)
     if len(study.arena.maps) < 2:
         return rows
@@ -45,6 +61,33 @@ def status_rows(study: Study) -> list[Row]:
         said = [judged.abroad[1] for judged in study.answers if judged.scope_m == scope]
         shares = {status: said.count(status) / len(said) for status in STATUSES}
         rows.append({"method": "rings + layout", "scope": f"foreign {scope:g}m", "queries": len(said), **shares})
+    return rows
+
+
+def said_and_so(answers: Sequence[Judged], ranks: slice) -> tuple[Floats, NDArray[np.bool_]]:
+    """The probabilities of the places listed at some ranks, and which of these places are right."""
+    none = np.zeros(0)
+    said = np.concatenate([none, *(judged.said[ranks] for judged in answers)])
+    right = np.concatenate([none.astype(np.bool_), *(judged.rights[ranks] for judged in answers)])
+    return said, right
+
+
+def calibration_rows(study: Study) -> list[Row]:
+    """What was said and what was so, by tenth of the probability: of the first place listed, and of those after it.
+
+    ``ece`` in the rows of scope ``all`` is the expected calibration error over all distances.
+    """
+    rows: list[Row] = []
+    for name, ranks in RANKED.items():
+        said, right = said_and_so(study.answers, ranks)
+        ece = expected_calibration_error(said, right)
+        rows.append({"method": name, "scope": "all", "places": len(said), "ece": ece})
+        of = np.minimum((said * BINS).astype(np.int64), BINS - 1)
+        for b in np.unique(of).tolist():
+            mine = of == b
+            scope = f"{b / BINS:g} to {(b + 1) / BINS:g}"
+            figures = {"said": float(said[mine].mean()), "so": float(right[mine].mean())}
+            rows.append({"method": name, "scope": scope, "places": int(mine.sum()), **figures})
     return rows
 
 
@@ -84,6 +127,7 @@ def condition_rows(study: Study, least_m: float = 5.0, most_m: float = 10.0) -> 
             "method": "rings + layout",
             "scope": name,
             "queries": len(group),
+            "chance": float(np.mean([judged.chance for judged in group])),
             "right": float(np.mean([judged.right for judged in group])),
             "match": float(np.mean([judged.status == "match" for judged in group])),
             "match_wrong": sum(judged.status == "match" and not judged.right for judged in group),
@@ -130,6 +174,7 @@ def reliability_points(answers: Sequence[Judged], seed: int = 0) -> list[tuple[f
     return points
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Laid:
     """A wrong answer, ready to be drawn; all in metres, each in its building's frame.

@@ -57,7 +57,9 @@ def fragments_along(walk: Walk, steps: Ints, verifier: LayoutVerifier, rng: np.r
     frame, found = any_frame(rng), []
     for step in steps.tolist():
         part, place = walk.part(step)
-        found.append(fragment_of_arrays(written_in(frame, part), place, verifier.config, walk.ages(step)))
+        found.append(
+            fragment_of_arrays(written_in(frame, part), place, verifier.config, walk.ages(step), walk.drift(step))
+        )
     return found
 
 
@@ -93,13 +95,15 @@ def reranked(
         if found is not None:
             sure = confidence(found, fragment, verifier.mapped)
             if chances is not None:
-                chances[q] = sure.probability[0]
+                chances[q] = sure.probability.max()
             rest = best[q][~np.isin(best[q], found.rows)]
-            together = np.concatenate([found.rows[sure.order], rest])[: answers.shape[1]]
-            answers[q, : len(together)] = together
+            rows = np.concatenate([found.rows[sure.order], rest])
+            said = sure.answers.probability(verifier.mapped, rows)
+            chosen = rows[np.argsort(-said, kind="stable")[: answers.shape[1]]]
+            answers[q, : len(chosen)] = chosen
             if places is not None:
-                best_row = int(together[0])
-                placing = placed(verifier.mapped, fragment, found, together.tolist()).get(best_row)
+                best_row = int(chosen[0])
+                placing = placed(verifier.mapped, fragment, found, chosen.tolist()).get(best_row)
         if places is not None:
             places.append(placing)
     return answers
@@ -112,8 +116,8 @@ def add_error(errors: PoseErrors, placing: Placed | None, fragment: Fragment, tr
 
 
 def sureness(verifier: LayoutVerifier, found: Verified, fragment: Fragment) -> float:
-    """P(the best place is within the match radius of the robot)."""
-    return float(confidence(found, fragment, verifier.mapped).probability[0])
+    """P(the best place is within the match radius of the robot, and on its storey)."""
+    return float(confidence(found, fragment, verifier.mapped).probability.max())
 
 
 def verified_evidence(

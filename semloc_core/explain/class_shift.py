@@ -21,6 +21,7 @@ from semloc_core.explain.intrinsic import intrinsic_scores
 from semloc_core.explain.scores import class_scores
 from semloc_core.graph import Visibility
 from semloc_core.map_database import LoadedMap
+from semloc_core.text import percent, short_repr
 
 Floats = NDArray[np.float64]
 Mix = Mapping[str, float]
@@ -59,6 +60,7 @@ def jensen_shannon(p: Floats, q: Floats) -> tuple[float, Floats]:
     return float(np.sqrt(min(1.0, parts.sum()))), parts
 
 
+@short_repr
 @dataclass(frozen=True)
 class Shift:
     """How far a live mix is from the map's.
@@ -78,7 +80,8 @@ class Shift:
 
     def describe(self, most: int = 3) -> str:
         """The classes responsible, in words."""
-        named = [f"{'more' if d > 0 else 'less'} {name} ({d:+.0%})" for name, d in list(self.classes.items())[:most]]
+        first = list(self.classes.items())[:most]
+        named = [f"{'more' if d > 0 else 'less'} {name} ({percent(d, signed=True)})" for name, d in first]
         return ", ".join(named) or "none"
 
 

@@ -24,7 +24,8 @@ def counterfactual(
     """Find few objects whose removal makes another place the top match.
 
     The top match is the search's, by similarity, before any verification by layout. Another place is one in another
-    building or farther than the matching radius from the top match: a neighbour of it would be the same answer.
+    building, on another storey or farther than the matching radius from the top match: a neighbour of it would be the
+    same answer.
     Tried in one batch, against all places of the map: every single object, and all objects of each class together;
     only where none of these does it, in a second batch, ever more objects in order of what their own removal costs
     the top match. The fewest win, then the widest margin over the old top match.
@@ -76,7 +77,7 @@ def _try(
     of_top = (embeddings.astype(np.float64) * loaded.embeddings[top]).sum(axis=1)
     of_top = of_top.astype(np.float32).astype(np.float64)  # as a search rounds
     apart = np.linalg.norm(loaded.positions[rows] - loaded.positions[top], axis=1) > MATCH_RADIUS_M
-    apart |= loaded.building_index[rows] != loaded.building_index[top]
+    apart |= loaded.storey_index[rows] != loaded.storey_index[top]
     apart &= embeddings.any(axis=1)  # where nothing is left to say, there is no answer at all
     margin = similarity.astype(np.float64) - of_top
     candidates = np.flatnonzero(apart)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from semloc_core.errors import ConfigError
 from semloc_core.explain.scores import ObjectScores
 from semloc_core.explain.similarity import SimilarityQuery
+from semloc_core.text import short_repr
 from semloc_core.wire import Fidelity
 
 Floats = NDArray[np.float64]
@@ -26,6 +27,7 @@ BUDGET = 0.3
 BUDGETS = tuple(round(0.1 * i, 1) for i in range(1, 11))
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class FidelityCurve:
     """One explainer's fidelity on one query.

@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core.text import short_repr
 from semloc_core.wire import ClassAttribution, ObjectAttribution
 
 NOISE = 1e-6  # the wire keeps six decimals
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class ObjectScores:
     """What an explainer says of the objects around one query place.

@@ -30,6 +30,7 @@ from semloc_core.encoding import (
 from semloc_core.errors import ModelError
 from semloc_core.explain.intrinsic import intrinsic_scores
 from semloc_core.explain.scores import ObjectScores
+from semloc_core.text import short_repr
 
 
 class Similarity(Protocol):
@@ -48,6 +49,7 @@ class Similarity(Protocol):
         """
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class SimilarityQuery:
     """One query place and one map place, for explainers to ask about.

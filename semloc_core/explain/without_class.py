@@ -50,10 +50,11 @@ def _without(located: Located, perturbed: PerturbedEncoder, verifier: LayoutVeri
     first = int(sure.order[0])
     row = int(found.rows[first])
     off = np.linalg.norm(loaded.positions[row] - loaded.positions[evidence.row])
+    on = loaded.storey_index
     return WithoutClass(
         class_=name,
         map=loaded.buildings[int(loaded.building_index[row])],
         place=loaded.place_ids[row],
         probability=float(sure.probability[first]),
-        same=bool(loaded.building_index[row] == loaded.building_index[evidence.row] and off <= MATCH_RADIUS_M),
+        same=bool(on[row] == on[evidence.row] and off <= MATCH_RADIUS_M),
     )

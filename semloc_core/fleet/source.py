@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from semloc_core.encoding import Model
 from semloc_core.map_database import ClassChange, PlaceRows, StoredBuilding
+from semloc_core.text import short_repr
 
 
+@short_repr
 @dataclass(frozen=True)
 class BuildingEntry:
     """One building in the catalogue.
@@ -42,6 +44,7 @@ class BuildingEntry:
     changes: Mapping[str, ClassChange] = field(default_factory=dict)
 
 
+@short_repr
 @dataclass(frozen=True)
 class Catalogue:
     """One consistent state of a map, without its places.
@@ -67,6 +70,7 @@ class Catalogue:
         return sum(entry.n_places for entry in self.buildings.values())
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Nearest:
     """The places most similar to a query, by falling similarity.
@@ -83,6 +87,7 @@ class Nearest:
     similarities: NDArray[np.float32]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Fetched:
     """One building as it was committed; its content is checked against ``entry.digest``."""

@@ -7,6 +7,7 @@ in canonical order (ids sorted as strings), so that the same graph always gives 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +15,15 @@ from numpy.typing import NDArray
 from semloc_core.graph.geodesic import edge_lengths
 from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph.storeys import storeys
+from semloc_core.text import short_repr
 from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class GraphArrays:
     """One building.
@@ -70,6 +74,11 @@ class GraphArrays:
     def n_objects(self) -> int:
         """O."""
         return len(self.object_ids)
+
+    @cached_property
+    def storeys(self) -> Ints:
+        """(P,) the storey of each place (`semloc_core.graph.storeys.storeys`)."""
+        return storeys(self.place_positions, self.place_edges)
 
     def edge_lengths(self) -> Floats:
         """(E,) Euclidean lengths of the traversability edges, metres; the same bits as in a `SceneGraph`."""

@@ -7,9 +7,11 @@ from dataclasses import dataclass, field
 from semloc_core.graph.geodesic import edge_length
 from semloc_core.graph.place_index import PlaceIndex
 from semloc_core.graph.update_check import check_update
+from semloc_core.text import short_repr
 from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
 
 
+@short_repr
 @dataclass(frozen=True)
 class Change:
     """What an update touched, for whoever keeps something derived from the graph.
@@ -29,6 +31,7 @@ class Change:
     objects: frozenset[str] = frozenset()
 
 
+@short_repr
 @dataclass
 class SceneGraph:
     """Mutable graph state. Read the attributes freely; change them only through `apply`.

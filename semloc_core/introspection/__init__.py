@@ -7,6 +7,7 @@ from semloc_core.exports import exports
 if TYPE_CHECKING:
     from semloc_core.introspection.agreement.ranks import spearman
     from semloc_core.introspection.agreement.rows import ALL_EXPLAINERS, correlation
+    from semloc_core.introspection.checks import check_lines
     from semloc_core.introspection.hypotheses import most_faithful, overall
     from semloc_core.introspection.mobility_study import MOVED_M
     from semloc_core.introspection.rows import ranking_rows
@@ -19,7 +20,7 @@ else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "ABLATION", "ALL_EXPLAINERS", "INVERTED", "Introspection", "MOVED_M", "Matrices", "Run", "correlation",
-    "introspect", "matrices", "mean_rows", "most_faithful", "overall", "plan_parts", "ranking_rows",
+    "ABLATION", "ALL_EXPLAINERS", "INVERTED", "Introspection", "MOVED_M", "Matrices", "Run", "check_lines",
+    "correlation", "introspect", "matrices", "mean_rows", "most_faithful", "overall", "plan_parts", "ranking_rows",
     "similarity_to_map", "spearman", "typical_query",
 ]  # fmt: skip

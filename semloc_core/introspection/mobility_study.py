@@ -21,6 +21,7 @@ from semloc_core.graph import GraphArrays, Labelspace
 from semloc_core.introspection.class_ablation import class_frequencies
 from semloc_core.introspection.whole_map import introspect_map
 from semloc_core.metrics import Progress, no_progress
+from semloc_core.text import short_repr
 from semloc_core.training import TrainConfig, train_config
 
 Floats = NDArray[np.float64]
@@ -29,6 +30,7 @@ MOVED_M = 2.0
 PLACES = 200
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class MobilityRun:
     """Of one seed.

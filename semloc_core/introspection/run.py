@@ -20,6 +20,7 @@ from semloc_core.introspection.class_ablation import (
 )
 from semloc_core.introspection.whole_map import MapIntrospection, introspect_map
 from semloc_core.metrics import Progress, no_progress
+from semloc_core.text import short_repr
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -29,6 +30,7 @@ SAME = 1e-5
 """Embeddings that differ by less are the same but for rounding."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Run:
     """One run's figures; of each explainer and, under ``ablation``, of class removal.

@@ -13,10 +13,12 @@ from functools import cached_property
 import msgspec
 import numpy as np
 
+from semloc_core.encoding import Model
 from semloc_core.evaluate import SEEDS, office_variants
 from semloc_core.explain import EXPLAINERS
 from semloc_core.graph import GraphArrays, Labelspace
 from semloc_core.introspection.agreement.rows import agreement_rows, explainer_rows, frequency_rows
+from semloc_core.introspection.checks import check_rows
 from semloc_core.introspection.controls import control_rows
 from semloc_core.introspection.hypotheses import hypothesis_rows
 from semloc_core.introspection.mobility_study import MOVED_M, PLACES, MobilityRun, mobility_study
@@ -25,9 +27,11 @@ from semloc_core.introspection.run import SHIFT_PLACES, Run, introspect_run
 from semloc_core.introspection.sanity import PLACES as SANITY_PLACES
 from semloc_core.introspection.sanity import sanity_rows
 from semloc_core.metrics import Progress, Row, no_progress
+from semloc_core.text import short_repr
 from semloc_core.training import PerturbConfig, TrainConfig, train_config
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Introspection:
     """All runs, and the rows that are printed and written.
@@ -70,12 +74,18 @@ class Introspection:
         """The paper's three expectations; none without an explainer."""
         return hypothesis_rows(self.runs, self.methods, self.mobility) if self.methods else []
 
+    @cached_property
+    def checks(self) -> list[Row]:
+        """Which explainers passed: what is to be read first."""
+        return check_rows(self.methods, self.controls, self.sanity)
+
     @property
     def rows(self) -> list[Row]:
         """All of them, as they are written."""
         between = explainer_rows(self.runs, self.methods)
         return [
-            *self.table, *self.controls, *self.agreement, *between, *self.frequency, *self.sanity, *self.hypotheses,
+            *self.checks, *self.table, *self.controls, *self.agreement, *between, *self.frequency, *self.sanity,
+            *self.hypotheses,
         ]  # fmt: skip
 
 
@@ -91,9 +101,10 @@ def introspect(
     shift_places: int = SHIFT_PLACES,
     moved_m: float | None = MOVED_M,
     sanity_places: int = SANITY_PLACES,
+    model: Model | None = None,
     progress: Progress = no_progress,
 ) -> Introspection:
-    """Train once for each seed, and put each model through the study.
+    """Train once for each seed, and put each model through the study; or study one model on all seeds' variants.
 
     Args:
         arrays: the graph.
@@ -107,6 +118,8 @@ def introspect(
         moved_m: how far objects move between the traversals of the third hypothesis; None: it is not tested, which
             saves two trainings a run.
         sanity_places: how many places of each run the sanity checks explain.
+        model: studied as it is: nothing is trained, all places are judged (it may have been trained on them), and the
+            third hypothesis, which takes trainings, is not tested.
         progress: told of every step.
 
     """
@@ -120,27 +133,32 @@ def introspect(
         def report(step: Report, number: int = number) -> None:
             progress(step.step, config.steps, f"run {number}, training")
 
-        result = train([arrays], labelspace, msgspec.structs.replace(config, seed=seed), progress=report)
+        judged = None
+        if model is None:
+            result = train([arrays], labelspace, msgspec.structs.replace(config, seed=seed), progress=report)
+            studied, judged = result.model, result.splits[0].mask("test")
+        else:
+            studied = model
         variants = office_variants(arrays, labelspace, seed, perturbation)
         runs.append(
             introspect_run(
-                result.model,
+                studied,
                 *variants,
                 seed=seed,
                 methods=methods,
                 places=_drawn(arrays.n_places, n_places, seed),
                 shift_places=shift_places,
-                judged=result.splits[0].mask("test"),
+                judged=judged,
                 progress=progress,
                 words=f"run {number}",
             )
         )
         sanity += sanity_rows(
-            result.model, *variants, runs[-1].introspection.places, run=number, methods=methods,
+            studied, *variants, runs[-1].introspection.places, run=number, methods=methods,
             n_places=sanity_places, seed=seed, progress=progress,
         )  # fmt: skip
     moving: list[MobilityRun] = []
-    if moved_m is not None:
+    if moved_m is not None and model is None:
         moving = mobility_study(
             arrays, labelspace, seeds=seeds, config=config, methods=methods, moved_m=moved_m,
             n_places=min(PLACES, n_places or PLACES), progress=progress,

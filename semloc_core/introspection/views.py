@@ -12,12 +12,14 @@ from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.encoding import Model, build_encoder, embed_graph, similarity_matrix
 from semloc_core.graph import GraphArrays
 from semloc_core.introspection.run import Run
+from semloc_core.text import short_repr
 from semloc_core.training import positive_pairs
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Matrices:
     """Place–query matrices of the held-out places: truth, bag of words, model.

@@ -25,6 +25,7 @@ from semloc_core.explain import (
 )
 from semloc_core.graph import GraphArrays
 from semloc_core.metrics import Progress, no_progress
+from semloc_core.text import short_repr
 
 Floats = NDArray[np.float64]
 
@@ -32,6 +33,7 @@ INVERTED = "inverted"
 """The control that is the first explainer's ranking upside down."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class MapIntrospection:
     """What explainers say of the places of one query graph, each paired with its own place in the map.

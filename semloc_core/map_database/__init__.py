@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from semloc_core.map_database.history import (
         FIRST_SEEN,
         MAX_HISTORY_BYTES,
+        Before,
         ClassChange,
         History,
         ObjectBelief,
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
         pack_history,
         unpack_history,
     )
-    from semloc_core.map_database.info import describe, describe_building, describe_meta
+    from semloc_core.map_database.info import describe, describe_building, describe_meta, describe_storeys
     from semloc_core.map_database.loaded import LoadedMap, StoredBuilding, Whole, assemble, load
     from semloc_core.map_database.protocols import ReadableMap, WritableMap
     from semloc_core.map_database.search.exact import ExactSearch
@@ -37,17 +38,18 @@ if TYPE_CHECKING:
         pack_graph,
         unpack_graph,
     )
-    from semloc_core.map_database.stored.schema import MAX_BLOB_BYTES, read
+    from semloc_core.map_database.stored.schema import MAX_BLOB_BYTES, publish_map, read
     from semloc_core.map_database.stored.write import check_in_graph, stored_building
     from semloc_core.map_database.weights import class_weights, object_weights
 else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "ClassChange", "ExactSearch", "FIRST_SEEN", "History", "InvertedSearch", "LoadedMap", "MAX_BLOB_BYTES",
+    "Before", "ClassChange", "ExactSearch", "FIRST_SEEN", "History", "InvertedSearch", "LoadedMap", "MAX_BLOB_BYTES",
     "MAX_BUILDINGS", "MAX_GRAPH_BYTES", "MAX_HISTORY_BYTES", "MapDatabase", "MapMeta", "Note", "ObjectBelief",
     "PackedGraph", "PlaceRows", "ReadableMap", "StoredBuilding", "Traversal", "Whole", "WritableMap", "assemble",
     "building_digest", "check_hash", "check_in_graph", "check_name", "check_places", "class_weights", "content_hash",
-    "describe", "describe_building", "describe_meta", "load", "matching_buildings", "move_rates", "object_weights",
-    "pack_graph", "pack_history", "read", "read_meta", "stored_building", "unpack_graph", "unpack_history",
+    "describe", "describe_building", "describe_meta", "describe_storeys", "load", "matching_buildings", "move_rates",
+    "object_weights", "pack_graph", "pack_history", "publish_map", "read", "read_meta", "stored_building",
+    "unpack_graph", "unpack_history",
 ]  # fmt: skip

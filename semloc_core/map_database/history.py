@@ -11,6 +11,7 @@ from typing import Annotated
 import msgspec
 
 from semloc_core.errors import MapError
+from semloc_core.text import short_repr
 from semloc_core.wire import Count, Fraction, Name, Position
 
 MAX_HISTORY_BYTES = 128 * 2**20  # of a building's history as JSON
@@ -61,6 +62,7 @@ class Traversal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         added: objects that the map did not have.
         forgotten: objects that are no longer believed in.
         places: places added.
+        run: digest of its scene graph, by which it is known again; empty of what was merged before these were kept.
 
     """
 
@@ -74,17 +76,31 @@ class Traversal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     added: Count
     forgotten: Count
     places: Count
+    run: str = ""
 
 
-class History(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+@short_repr
+class Before(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A building as it was before the last merge: its scene graph, as packed for storage, and its history."""
+
+    digest: str
+    size: Count
+    graph: bytes
+    history: bytes
+
+
+@short_repr
+class History(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """A building's history: traversals merged, in order, and what is believed of objects and classes since.
 
     ``objects`` has those that a traversal could say something about; of others `ObjectBelief` holds by default.
+    ``before`` undoes the last merge; None where something else has changed the building since.
     """
 
     traversals: tuple[Traversal, ...] = ()
     objects: dict[Name, ObjectBelief] = {}
     classes: dict[Name, ClassChange] = {}
+    before: Before | None = None
 
 
 def pack_history(history: History) -> bytes:

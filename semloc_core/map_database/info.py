@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from semloc_core.encoding import Model
 from semloc_core.graph import SceneGraph
 from semloc_core.map_database.history import move_rates, unpack_history
-from semloc_core.map_database.loaded import StoredBuilding, read_map
+from semloc_core.map_database.loaded import LoadedMap, StoredBuilding, read_map
 from semloc_core.map_database.stored.meta import MapMeta, read_meta
 from semloc_core.map_database.stored.schema import format_version, read
 
@@ -27,7 +29,10 @@ def describe(path: str | Path) -> dict[str, Any]:
     version, meta, loaded = read(
         path, lambda connection: (format_version(connection), read_meta(connection), read_map(connection, path.stem))
     )
-    buildings = [describe_building(stored, loaded.graph(stored.name)) for stored in loaded.stored]
+    buildings = [
+        describe_building(stored, loaded.graph(stored.name)) | {"storeys": _stored_storeys(loaded, stored.name)}
+        for stored in loaded.stored
+    ]
     bytes_ = {"format_version": version, "bytes": path.stat().st_size}
     return {"name": loaded.name, "hash": loaded.hash, **bytes_, **describe_meta(meta, loaded.model, buildings)}
 
@@ -50,6 +55,19 @@ def describe_meta(meta: MapMeta, model: Model, buildings: list[dict[str, Any]]) 
         },
         "buildings": buildings,
     }
+
+
+def _stored_storeys(loaded: LoadedMap, building: str) -> list[dict[str, Any]]:
+    rows = loaded.rows_of(building)
+    return describe_storeys(loaded.storeys[rows], loaded.positions[rows, 2])
+
+
+def describe_storeys(on: NDArray[np.int64], height: NDArray[np.float64]) -> list[dict[str, Any]]:
+    """The storeys that (P,) places are on, from the lowest up: how many are there, and at what height (median)."""
+    return [
+        {"places": int((on == k).sum()), "height_m": round(float(np.median(height[on == k])), 2)}
+        for k in np.unique(on).tolist()
+    ]
 
 
 def describe_building(stored: StoredBuilding, graph: SceneGraph) -> dict[str, Any]:

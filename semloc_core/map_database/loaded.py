@@ -14,9 +14,10 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
+from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.encoding import Batch, Model, QueryEncoder
 from semloc_core.errors import MapError
-from semloc_core.graph import SceneGraph, read_graph
+from semloc_core.graph import SceneGraph, read_graph, separate, storey_at
 from semloc_core.map_database.building_patterns import matching_buildings
 from semloc_core.map_database.history import ClassChange, History, unpack_history
 from semloc_core.map_database.search.exact import ExactSearch
@@ -28,19 +29,27 @@ from semloc_core.map_database.stored.records import (
     building_digest,
     building_names,
     content_hash,
+    derived_storeys,
     read_history_bytes,
     read_places,
+    read_storeys,
     unpack_graph,
 )
 from semloc_core.map_database.stored.schema import read
 from semloc_core.map_database.weights import class_weights
+from semloc_core.text import short_repr
+from semloc_core.wire import Position
 
 logger = logging.getLogger(__name__)
 
 
+@short_repr
 @dataclass(frozen=True)
 class StoredBuilding:
-    """One building: its source, frame, when it was made (ns, or None), packed scene graph and history."""
+    """One building: its source, frame, when it was made (ns, or None), packed scene graph and history.
+
+    ``storeys`` are those of its places, by rising id; None where they are to be derived from the scene graph.
+    """
 
     name: str
     source: str
@@ -49,8 +58,10 @@ class StoredBuilding:
     n_places: int
     graph: PackedGraph
     history: bytes = b""
+    storeys: tuple[int, ...] | None = None
 
 
+@short_repr
 @dataclass(frozen=True)
 class Whole:
     """The map that a part was taken from: what is published of it, and what its classes weigh.
@@ -69,6 +80,7 @@ class Whole:
     buildings: tuple[str, ...] = ()
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class LoadedMap:
     """All places of all buildings, buildings by name and places by id within each.
@@ -112,6 +124,40 @@ class LoadedMap:
     def n_places(self) -> int:
         """M."""
         return len(self.place_ids)
+
+    @cached_property
+    def storeys(self) -> NDArray[np.int64]:
+        """(M,) the storey of each place in its building, 0 for the lowest; all 0 in a map that no file holds."""
+        found = np.zeros(self.n_places, dtype=np.int64)
+        for stored in self.stored:
+            rows = self.rows_of(stored.name)
+            found[rows] = (
+                derived_storeys(stored.graph, self.place_ids[rows]) if stored.storeys is None else stored.storeys
+            )
+        return found
+
+    @cached_property
+    def storey_index(self) -> NDArray[np.int32]:
+        """(M,) the number of each place's storey, counted through all buildings: places of one are on one floor."""
+        return separate(self.building_index, self.storeys)
+
+    def same_storey(self, building: str, place_id: str, position: Position) -> bool:
+        """Whether a place of a building is on the storey that a point (m) of that building is on."""
+        return bool(self.storeys[self.row(building, place_id)] == self._storey_of(building, position))
+
+    def chance(self, building: str, position: Position) -> float:
+        """The share of all places that are right where the robot is at a point (m) of a building: a blind guess's."""
+        rows = self.rows_of(building)
+        away = np.linalg.norm(self.positions[rows] - np.array(position, dtype=np.float64), axis=1)
+        right = (away <= MATCH_RADIUS_M) & (self.storeys[rows] == self._storey_of(building, position))
+        whole = self.part_of.n_places if self.part_of is not None else self.n_places
+        return float(right.sum() / whole)
+
+    def _storey_of(self, building: str, position: Position) -> int:
+        """The storey that a point of a building is on."""
+        rows = self.rows_of(building)
+        storeys = self.storeys[rows]
+        return storey_at(np.array(position, dtype=np.float64), self.positions[rows], storeys) if storeys.any() else 0
 
     @cached_property
     def index(self) -> ExactSearch:
@@ -292,7 +338,9 @@ def read_building(connection: sqlite3.Connection, name: str, dimension: int) -> 
     if not places.ids or building_digest(places, frame_id, graph_digest, history) != digest:
         raise MapError(f"expected building {name!r} as it was committed (got other content: the map is damaged)")
     packed = PackedGraph(graph_digest, graph_bytes, data)
-    return StoredBuilding(name, source, frame_id, stamp_ns, len(places.ids), packed, history), places, digest
+    on = read_storeys(connection, key, graph_digest, places.ids)
+    stored = StoredBuilding(name, source, frame_id, stamp_ns, len(places.ids), packed, history, on)
+    return stored, places, digest
 
 
 def read_map(connection: sqlite3.Connection, name: str) -> LoadedMap:

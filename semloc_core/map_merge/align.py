@@ -24,6 +24,7 @@ from semloc_core.errors import MapError
 from semloc_core.graph import Floats, Ints
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.transform import Transform, fit_transform
+from semloc_core.text import percent, short_repr
 
 START_GATE_M = 2.0
 VERTICAL_GATE_M = 1.0
@@ -36,6 +37,7 @@ MOST_PAIRS = 1_000_000
 _AT_ONCE = 256
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Objects and places to be laid on each other.
@@ -56,6 +58,7 @@ class Scene:
     area: float
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Alignment:
     """A transform from the traversal's frame into the building's, and what speaks for it.
@@ -101,7 +104,8 @@ def align(
         raise MapError(f"expected {config.min_objects} objects or more that agree{where} (got {found})")
     first = best[0]
     if first.share < config.min_share:
-        raise MapError(f"expected {config.min_share:.0%} of the objects seen to agree{where} (got {first.share:.0%})")
+        wanted = f"{percent(config.min_share)} of the objects seen to agree{where}"
+        raise MapError(f"expected {wanted} (got {percent(first.share)})")
     mirror = np.array([-1.0, 1.0, 1.0])
     image = Scene(seen.objects * mirror, seen.classes, seen.parents, seen.places * mirror, seen.area)
     chance = max((each.score for each in proposals(mapped, image, similarity, config)), default=0.0)
@@ -114,7 +118,7 @@ def align(
         if not _same(first.transform, other.transform, seen) and other.score > config.max_rival * first.score:
             raise MapError(
                 f"expected one way to lay the traversal{where} "
-                f"(got another that fits {other.score / first.score:.0%} as well)"
+                f"(got another that fits {percent(other.score / first.score)} as well)"
             )
     return first
 

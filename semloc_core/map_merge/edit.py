@@ -85,12 +85,12 @@ def store_edited(database: WritableMap, model: Model, name: str, graph: SceneGra
         database: the map, open for changes.
         model: the map's.
         name: the building.
-        graph: of it; its history loses what it says of objects that are gone.
+        graph: of it; its history loses what it says of objects that are gone, and what would undo a merge.
 
     """
     history = database.history(name)
     beliefs = {key: belief for key, belief in history.objects.items() if key in graph.objects}
-    write(database, model, name, graph, msgspec.structs.replace(history, objects=beliefs))
+    write(database, model, name, graph, msgspec.structs.replace(history, objects=beliefs, before=None))
 
 
 def _copy(graph: SceneGraph) -> SceneGraph:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import msgspec
 import numpy as np
 
 from semloc_core.encoding import similarity_matrix
@@ -22,8 +21,10 @@ from semloc_core.map_merge.persistence import Observation, Verdict, judge
 from semloc_core.map_merge.places import PlaceMatch, match_places
 from semloc_core.map_merge.revise import revise
 from semloc_core.map_merge.sides import Revision, Side
+from semloc_core.text import short_repr
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Merged:
     """What a building has become.
@@ -54,6 +55,7 @@ def merge(
     config: MergeConfig | None = None,
     source: str = "",
     name: str = "",
+    run: str = "",
 ) -> Merged:
     """Merge a traversal into a building.
 
@@ -65,6 +67,7 @@ def merge(
         config: options.
         source: where the traversal came from, such as a file name.
         name: the building's, for errors.
+        run: digest of the traversal's scene graph.
 
     Raises:
         MapError: how the traversal lies on the building is not supported by what it saw.
@@ -84,7 +87,7 @@ def merge(
     revision = revise(
         mapped, seen, history, alignment.transform, places, confirmed, moved.reshape(-1, 2).T, verdict, config
     )
-    return Merged(revision.graph, _history(history, verdict, revision, alignment, source), alignment)
+    return Merged(revision.graph, _history(history, verdict, revision, alignment, source, run), alignment)
 
 
 def lay(mapped: Side, seen: Side, config: MergeConfig, name: str = "") -> Alignment:
@@ -135,7 +138,9 @@ def _judged(
     return judge(observation, [history.classes, *others], config, gate_m), spare
 
 
-def _history(history: History, verdict: Verdict, revision: Revision, alignment: Alignment, source: str) -> History:
+def _history(
+    history: History, verdict: Verdict, revision: Revision, alignment: Alignment, source: str, run: str
+) -> History:
     """The history with this traversal in it."""
     classes = dict(history.classes)
     for name, change in verdict.changes.items():
@@ -147,8 +152,7 @@ def _history(history: History, verdict: Verdict, revision: Revision, alignment: 
         translation=alignment.transform.translation,
         residual_m=alignment.residual_m,
         **revision.counts,
+        run=run,
     )
     beliefs = {key: belief for key, belief in revision.beliefs.items() if belief != ObjectBelief()}
-    return msgspec.structs.replace(
-        history, traversals=(*history.traversals, traversal), objects=beliefs, classes=classes
-    )
+    return History((*history.traversals, traversal), beliefs, classes)

@@ -24,6 +24,7 @@ from semloc_core.graph import Floats, Ints
 from semloc_core.map_database import ClassChange, ObjectBelief, move_rates
 from semloc_core.map_merge.align import VERTICAL_GATE_M
 from semloc_core.map_merge.config import MergeConfig
+from semloc_core.text import short_repr
 
 ROUNDS = 40
 MISS_COUNTS = 200.0
@@ -37,6 +38,7 @@ OUT_OF_SIGHT = 0.5
 Bools = NDArray[np.bool_]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Verdict:
     """What became of the map's O objects.
@@ -57,6 +59,7 @@ class Verdict:
     miss_rate: float
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Observation:
     """The map's O objects beside what a traversal saw.

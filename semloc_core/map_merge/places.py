@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from semloc_core.graph import Floats, GraphArrays, Ints, place_spacing
+from semloc_core.text import short_repr
 
 APART = 1.5
 """A place is new where the map has none within so many spacings."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class PlaceMatch:
     """How the P' places of a traversal lie on the P of the map.

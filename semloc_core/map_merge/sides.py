@@ -12,8 +12,10 @@ from semloc_core.encoding import place_cells
 from semloc_core.graph import GraphArrays, Labelspace, SceneGraph
 from semloc_core.map_database import ObjectBelief
 from semloc_core.map_merge.align import Scene
+from semloc_core.text import short_repr
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Side:
     """A scene graph as alignment and comparison read it.
@@ -53,6 +55,7 @@ class Side:
         return float(cells.sum() if of is None else cells[of].sum())
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Revision:
     """The building as it is now.

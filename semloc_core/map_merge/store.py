@@ -4,12 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import msgspec
 import numpy as np
 
 from semloc_core.encoding import Model, embed_graph
 from semloc_core.errors import MapError
 from semloc_core.graph import GraphArrays, SceneGraph
-from semloc_core.map_database import ClassChange, History, ReadableMap, WritableMap, class_weights, object_weights
+from semloc_core.map_database import (
+    MAX_HISTORY_BYTES,
+    Before,
+    ClassChange,
+    History,
+    PackedGraph,
+    ReadableMap,
+    Traversal,
+    WritableMap,
+    class_weights,
+    object_weights,
+    pack_graph,
+    pack_history,
+    unpack_graph,
+    unpack_history,
+)
 from semloc_core.map_merge.align import Alignment
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.merging import Merged, lay, merge
@@ -24,8 +40,11 @@ def merge_into(
     *,
     config: MergeConfig | None = None,
     source: str = "",
+    again: bool = False,
 ) -> tuple[str, Merged]:
     """Merge a traversal into a building of a map, and embed its places anew with what its objects weigh by now.
+
+    What the building was before is kept with it, for `undo`.
 
     Args:
         database: the map, open for changes.
@@ -34,18 +53,62 @@ def merge_into(
         building: which one; None: the one that it fits best.
         config: options.
         source: where the traversal came from, such as a file name.
+        again: merge it even if the building has had it: what it saw then counts twice.
 
     Returns:
         The building's name, and what it has become.
 
     Raises:
-        MapError: the traversal does not fit the building, or none; it has nothing to fit by. The map is as it was.
+        MapError: the traversal does not fit the building, or none; it has nothing to fit by; the building has had it.
+            The map is as it was.
 
     """
     with database.transaction():
-        name, merged = propose(database, model, traversal, building, config=config, source=source)
-        write(database, model, name, merged.graph, merged.history)
+        name, merged = propose(database, model, traversal, building, config=config, source=source, again=again)
+        history = msgspec.structs.replace(merged.history, before=_before(database, name))
+        write(database, model, name, merged.graph, history)
     return name, merged
+
+
+def undo(database: WritableMap, model: Model, building: str | None = None) -> tuple[str, Traversal]:
+    """Take the last merge into a building back: graph, history and embeddings are as they were before it.
+
+    One step: the merge before that one stays.
+
+    Args:
+        database: the map, open for changes.
+        model: the map's.
+        building: which one; None: the only one that has a merge to undo.
+
+    Returns:
+        The building's name, and the traversal that is no longer merged.
+
+    Raises:
+        MapError: there is no merge to undo, or in several buildings. The map is as it was.
+
+    """
+    with database.transaction():
+        names = database.buildings if building is None else (building,)
+        histories = {name: database.history(name) for name in names}
+        found = [name for name, history in histories.items() if history.before is not None]
+        if len(found) != 1:
+            where = f"building {building!r}" if building is not None else "the map"
+            got = f"{len(found)}: name one of {', '.join(found)}" if found else "none, or it was changed since"
+            raise MapError(f"expected one merge to undo in {where} (got {got})")
+        (name,) = found
+        before = histories[name].before
+        assert before is not None
+        graph = unpack_graph(PackedGraph(before.digest, before.size, before.graph))
+        write(database, model, name, graph, unpack_history(before.history))
+    return name, histories[name].traversals[-1]
+
+
+def _before(map_: ReadableMap, name: str) -> Before | None:
+    """What undoes a merge; None of a building so large that it does not fit into its history."""
+    packed = pack_graph(map_.graph(name), "")
+    history = pack_history(msgspec.structs.replace(map_.history(name), before=None))
+    small = len(packed.data) + len(history) < MAX_HISTORY_BYTES // 4
+    return Before(packed.digest, packed.size, packed.data, history) if small else None
 
 
 def propose(
@@ -56,6 +119,7 @@ def propose(
     *,
     config: MergeConfig | None = None,
     source: str = "",
+    again: bool = False,
 ) -> tuple[str, Merged]:
     """What `merge_into` would make of a map; writes nothing. Arguments, result and errors are the same."""
     config = config or MergeConfig()
@@ -63,10 +127,27 @@ def propose(
     names = map_.buildings if building is None else (building,)
     if not names:
         raise MapError("expected a map with a building to merge into (got an empty one)")
+    run = pack_graph(traversal, "").digest
+    for name in names if not again else ():
+        _check_new(run, map_.history(name), name, source)
     seen = side(model, traversal, map_weights(map_, model))
     name = names[0] if len(names) == 1 else _best(map_, model, seen, names, config)
     mapped, history, others = stored_side(map_, model, name), map_.history(name), other_changes(map_, name)
-    return name, merge(mapped, history, seen, others=others, config=config, source=source, name=name)
+    if not (again or history.traversals) and run == pack_graph(mapped.graph, "").digest:
+        raise MapError(
+            f"expected a later traversal of building {name!r} (got {source or 'one'}, that it was mapped from)"
+        )
+    return name, merge(mapped, history, seen, others=others, config=config, source=source, name=name, run=run)
+
+
+def _check_new(run: str, history: History, name: str, source: str) -> None:
+    """Refuse a traversal that a building has had."""
+    for number, had in enumerate(history.traversals, 1):
+        if had.run == run:
+            raise MapError(
+                f"expected a traversal that building {name!r} has not had (got {source or 'one'}, merged before as "
+                f"number {number} of {len(history.traversals)}, {had.source or 'without a name'})"
+            )
 
 
 def write(database: WritableMap, model: Model, name: str, graph: SceneGraph, history: History) -> None:

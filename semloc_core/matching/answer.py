@@ -15,9 +15,11 @@ from semloc_core.map_database import LoadedMap
 from semloc_core.matching.layout.evidence import Evidence
 from semloc_core.matching.layout.pose.placed import NO_YAW, Placed
 from semloc_core.matching.posterior import Ranking
+from semloc_core.text import short_repr
 from semloc_core.wire import ClassAttributions, Match, PlaceMatches, Pose, Transform
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Query:
     """One question: where is ``place``, in the graph as it was after update ``seq``? Nothing in it changes later.
@@ -38,6 +40,7 @@ class Query:
         return Query(self.stamp_ns, self.seq, self.place, reason=reason)
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Located:
     """An answer: the message to publish, and what `Localiser.explain` needs to say why.
@@ -52,6 +55,7 @@ class Located:
     evidence: Evidence | None = None
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Localisation:
     """What one update led to.
@@ -75,6 +79,7 @@ class Localisation:
         return self.located.matches if self.located is not None else None
 
 
+@short_repr
 @dataclass(frozen=True)
 class ServerState:
     """How the server that keeps a map does, as far as this robot knows.

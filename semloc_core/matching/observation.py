@@ -23,6 +23,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from semloc_core.graph import Labelspace, SceneGraph
+from semloc_core.text import short_repr
 
 Floats = NDArray[np.float32]
 Metres = NDArray[np.float64]
@@ -47,6 +48,7 @@ class ObservationConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     ] = 1.3
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Surroundings:
     """What is known around N places, ring by ring.

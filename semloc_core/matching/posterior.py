@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core.text import short_repr
+
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 CANDIDATES = 256
@@ -20,6 +22,7 @@ RIVAL_RATIO = 0.5
 """A place elsewhere rivals the best one from this fraction of its probability on."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Ranking:
     """Rows of the map to be shown, best first; rows no two of which are one answer; the probability of each.

@@ -1,4 +1,4 @@
-"""Which places of a map lie near a place: a hashed grid, built once for a map, numpy only."""
+"""Which places of a map lie near a place on its storey: a hashed grid, built once for a map, numpy only."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ _REMEMBERED = 2**14  # answers, and blocks of nine cells
 
 
 class RadiusIndex:
-    """Fixed-radius neighbours among the places of all buildings of a map.
+    """Fixed-radius neighbours among the places of all storeys of a map.
 
     Args:
         positions: (M, 3) float64, metres; each building in its own frame.
-        building: (M,) integer; places of different buildings are never near.
+        storey: (M,) integer, counted through all buildings; places of different storeys are never near.
         radius_m: the radius, metres.
 
     """
 
-    def __init__(self, positions: NDArray[np.float64], building: NDArray[np.int32], radius_m: float) -> None:
+    def __init__(self, positions: NDArray[np.float64], storey: NDArray[np.int32], radius_m: float) -> None:
         self._positions = positions
-        self._building = building
+        self._storey = storey
         self._radius = radius_m
         # A robot asks for the same places again and again; the map does not change.
         self._known: dict[int, Ints] = {}
@@ -31,9 +31,9 @@ class RadiusIndex:
 
     @cached_property
     def _cells(self) -> tuple[dict[tuple[int, int, int], tuple[int, int]], Ints, Ints]:
-        """Places sorted by (building, x cell, y cell), and where each cell's run begins and ends."""
+        """Places sorted by (storey, x cell, y cell), and where each cell's run begins and ends."""
         xy = np.floor(self._positions[:, :2] / self._radius).astype(np.int64)
-        keys = np.column_stack([self._building.astype(np.int64), xy])
+        keys = np.column_stack([self._storey.astype(np.int64), xy])
         order = np.lexsort((keys[:, 2], keys[:, 1], keys[:, 0]))
         ordered = keys[order]
         starts = np.flatnonzero(np.r_[True, np.any(ordered[1:] != ordered[:-1], axis=1)])

@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph import GraphArrays, SceneGraph
+from semloc_core.graph import Ages, GraphArrays, SceneGraph
 from semloc_core.map_database import LoadedMap, object_weights
 from semloc_core.matching.layout import LayoutPart, LayoutVerifier, Verified, fragment_of_graph
 from semloc_core.matching.layout.confidence import confidence
@@ -17,6 +17,7 @@ from semloc_core.matching.layout.evidence import Evidence, evidence
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.pose.placed import Placed, placed
 from semloc_core.matching.posterior import Ranking, modes
+from semloc_core.text import short_repr
 
 Ints = NDArray[np.int64]
 
@@ -42,13 +43,15 @@ def _make(loaded: LoadedMap) -> LayoutVerifier:
         [rows for _, rows, _ in read],
         len(loaded.model.labelspace),
         weights=[weights for _, _, weights in read],
+        storeys=[loaded.storeys[loaded.rows_of(building)] for building in loaded.buildings],
     )
 
 
 def layout_part(loaded: LoadedMap, building: str) -> LayoutPart:
     """One building of a map, ready to be verified together with others; see `LayoutVerifier.joined`."""
     graph, rows, weights = _read(loaded, building)
-    return LayoutPart.of(graph, rows, len(loaded.model.labelspace), weights)
+    on = loaded.storeys[loaded.rows_of(building)]
+    return LayoutPart.of(graph, rows, len(loaded.model.labelspace), weights, on)
 
 
 def _read(loaded: LoadedMap, building: str) -> tuple[GraphArrays, Ints, NDArray[np.float64]]:
@@ -62,12 +65,13 @@ def _read(loaded: LoadedMap, building: str) -> tuple[GraphArrays, Ints, NDArray[
     return arrays, rows, weights
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Reranked:
     """What verification made of an answer.
 
     Args:
-        ranking: the places tested, best first, then the search's; probabilities of all.
+        ranking: the places tested and the search's, by falling probability.
         verified: the test itself.
         fragment: what was put to it.
 
@@ -100,7 +104,7 @@ class Reranker:
         similarity: NDArray[np.float32],
         raw: Ints,
         top_n: int,
-        age: Callable[[str], float] | None = None,
+        ages: Ages | None = None,
     ) -> Reranked | None:
         """Test the likeliest places of the map for one place of a graph.
 
@@ -110,14 +114,15 @@ class Reranker:
             similarity: (M,) of the place's embedding to all places of the map.
             raw: rows of the search's answer, best first: they follow what was tested.
             top_n: how many places to list.
-            age: metres walked since an object last changed, by its id; None: all are new.
+            ages: of the graph's objects; None: all are new.
 
         Returns:
             The answer; None where no object around the robot fits anything in the map.
 
         """
         verifier = self._verifier
-        fragment = fragment_of_graph(graph, self._labelspace, place, verifier.config, age)
+        drift = None if ages is None else ages.drift
+        fragment = fragment_of_graph(graph, self._labelspace, place, verifier.config, ages, drift)
         found = verifier.verify(fragment, similarity)
         if found is None:
             return None
@@ -126,10 +131,12 @@ class Reranker:
         tested = found.rows[order]
         known = set(tested.tolist())
         rest = np.array([row for row in raw.tolist() if row not in known], dtype=np.int64)
-        probability = dict.fromkeys(rest.tolist(), 0.0)
-        probability.update(zip(tested.tolist(), sure.probability[order].tolist(), strict=True))
-        shown = np.concatenate([tested, rest])[:top_n]
-        separate = np.array(modes(tested, self._within), dtype=np.int64)
+        # What was not tested is as likely as what was tested near it says, and is listed where that puts it.
+        rows = np.concatenate([tested, rest])
+        chances = np.concatenate([sure.probability[order], sure.answers.probability(verifier.mapped, rest)])
+        rows = rows[np.argsort(-chances, kind="stable")]
+        probability = dict(zip(np.concatenate([tested, rest]).tolist(), chances.tolist(), strict=True))
+        shown, separate = rows[:top_n], np.array(modes(tested, self._within), dtype=np.int64)
         return Reranked(Ranking(shown, separate, probability, sure.in_map), found, fragment)
 
     def placed(self, tested: Reranked, rows: Sequence[int], near: bool = False) -> Mapping[int, Placed]:

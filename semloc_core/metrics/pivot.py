@@ -7,10 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from semloc_core.metrics.rows import Row
+from semloc_core.text import short_repr
 
 FOREIGN, KIDNAPPED = "foreign ", "kidnapped"
 
 
+@short_repr
 @dataclass(frozen=True)
 class Pivot:
     """One figure of many rows.

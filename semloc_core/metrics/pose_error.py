@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core.text import short_repr
+
 Floats = NDArray[np.float64]
 _LOWEST, _RATIO, _BINS = 1e-3, 1.01, 2000
 CHI2_95 = (3.841459, 5.991465, 7.814728)
@@ -35,6 +37,7 @@ class Histogram:
         return float(_LOWEST * _RATIO ** (position + 0.5))
 
 
+@short_repr
 @dataclass
 class PoseErrors:
     """The errors of poses whose places are right."""

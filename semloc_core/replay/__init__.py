@@ -13,11 +13,11 @@ if TYPE_CHECKING:
         replay,
         score_results,
     )
-    from semloc_core.replay.traversal_score import FROM_METRES, LatencyHistogram, TraversalScore, right_matches
+    from semloc_core.replay.traversal_score import FROM_METRES, LatencyHistogram, TraversalScore
 else:
     __getattr__ = exports(__name__)
 
 __all__ = [
     "ATTRIBUTIONS_TOPIC", "Answer", "FROM_METRES", "LatencyHistogram", "MATCHES_TOPIC", "ReplaySummary",
-    "TraversalScore", "replay", "right_matches", "score_results",
+    "TraversalScore", "replay", "score_results",
 ]  # fmt: skip

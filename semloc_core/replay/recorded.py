@@ -20,7 +20,7 @@ from semloc_core.errors import BagError, GraphError, MessageError
 from semloc_core.graph import Reading, all_unknown
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
-from semloc_core.replay.traversal_score import LatencyHistogram, TraversalScore
+from semloc_core.replay.traversal_score import Chance, LatencyHistogram, SameStorey, TraversalScore
 from semloc_core.sources import (
     GROUND_TRUTH_TOPIC,
     POSE_WITH_COVARIANCE,
@@ -35,6 +35,7 @@ from semloc_core.sources import (
     encode_pose_with_covariance,
     read_messages,
 )
+from semloc_core.text import short_repr
 from semloc_core.wire import TumWriter, matched_pose, quaternion_of, ros_covariance, yaw_of
 
 logger = logging.getLogger(__name__)
@@ -47,6 +48,7 @@ ATTRIBUTIONS_TOPIC = "/localiser/attributions"
 EVIDENCE_TOPIC = "/localiser/evidence"
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Answer:
     """One answer of a replay, for whoever shows progress."""
@@ -56,6 +58,7 @@ class Answer:
     evidence: wire.ClassAttributions | None
 
 
+@short_repr
 @dataclass(eq=False)
 class ReplaySummary:
     """What a replay came to.
@@ -124,7 +127,7 @@ def replay(
     """
     localiser = map_ if isinstance(map_, Localiser) else Localiser(map_, config)
     left_out = set(localiser.map.all_buildings) - set(localiser.buildings)
-    score = TraversalScore(localiser.buildings, sorted(left_out))
+    score = TraversalScore(localiser.buildings, sorted(left_out), localiser.same_storey, localiser.chance)
     labels = localiser.labels
     reading = labels.reading if labels is not None else Reading(known=localiser.map.model.labelspace)
     recorded = Run(run, topic=topic, robot=robot, truth_topic=truth_topic, reading=reading)
@@ -217,16 +220,23 @@ def _localise(localiser: Localiser, text: str, received_ns: int, counts: Counter
     return Answer(result.matches, result.attributions, result.evidence)
 
 
-def score_results(results: Path, buildings: list[str], topic: str = MATCHES_TOPIC) -> list[dict[str, object]]:
+def score_results(
+    results: Path,
+    buildings: list[str],
+    topic: str = MATCHES_TOPIC,
+    same_storey: SameStorey | None = None,
+    chance: Chance | None = None,
+) -> list[dict[str, object]]:
     """Score a recorded bag of answers (a replay's, or the node's as recorded with its ground truth).
 
     Args:
         results: the bag.
         buildings: names of the map's buildings.
         topic: where the matches are.
+        same_storey, chance: of the map, as for `TraversalScore`.
 
     """
-    score = TraversalScore(buildings)
+    score = TraversalScore(buildings, same_storey=same_storey, chance=chance)
     matcher: TruthMatcher[wire.PlaceMatches] = TruthMatcher(waiting=_WAITING)
     for message in read_messages(results, topics=[topic, GROUND_TRUTH_TOPIC]):
         if message.topic == GROUND_TRUTH_TOPIC:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from semloc_core.text import short_repr
+
 ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
     "#E69F00",
     "#56B4E9",
@@ -23,6 +25,7 @@ SCALE = "cividis"
 OTHER = "other classes"
 
 
+@short_repr
 @dataclass(frozen=True)
 class Style:
     """How one series is told from the others: colour, marker, line, hatch."""
@@ -71,6 +74,7 @@ def class_style(index: int) -> Style:
     return Style(_STYLES[at].colour, _MARKERS[turned], _STYLES[at].line, _HATCHES[turned])
 
 
+@short_repr
 @dataclass(frozen=True)
 class ClassLooks:
     """How the classes look that a report shows.

@@ -17,10 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 from semloc_core.graph import SceneGraph
 from semloc_core.report.colours import INK, OTHER, OTHER_STYLE, RIGHT, SCALE, WRONG, ClassLooks
 from semloc_core.report.drawing import WIDTH, bare, figure, shown
+from semloc_core.text import short_repr
 
 Floats = NDArray[np.float64]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Plan:
     """What a floor plan shows of a building.

@@ -8,8 +8,10 @@ from html import escape
 from importlib.resources import files
 
 from semloc_core.metrics import Row, cell, columns
+from semloc_core.text import short_repr
 
 
+@short_repr
 @dataclass(frozen=True)
 class Table:
     """Figures in rows; ``note`` says what the columns mean, or what was left out."""
@@ -19,6 +21,7 @@ class Table:
     note: str = ""
 
 
+@short_repr
 @dataclass(frozen=True)
 class Section:
     """One figure of the page.
@@ -51,6 +54,7 @@ class Fact:
     label: str
 
 
+@short_repr
 @dataclass(frozen=True)
 class Page:
     """What a page says, before it is HTML.

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from semloc_core.sources.world.furnishings import KINDS
     from semloc_core.sources.world.kinds import BuildingKind, draw_pair
     from semloc_core.sources.world.office import OfficeConfig, make_office, write_world
+    from semloc_core.sources.world.stacked import draw_stacked
 else:
     __getattr__ = exports(__name__)
 
@@ -35,7 +36,7 @@ __all__ = [
     "AgentPose", "BagMessage", "BagReader", "BagWriter", "Bools", "BuildingKind", "DsgStream", "Frame",
     "GROUND_TRUTH_TOPIC", "HydraFile", "KINDS", "OfficeConfig", "POSE_WITH_COVARIANCE", "Run", "SCENE_GRAPH_TOPIC",
     "STRING", "SimulationConfig", "Step", "TOLERANCE_S", "Truth", "TruthMatcher", "Walk", "WalkConfig",
-    "decode_string", "decode_truth", "draw_pair", "encode_pose_with_covariance", "encode_string", "graph_at_end",
-    "is_run", "make_office", "node_id", "query_place", "read_graph", "read_hydra", "read_messages", "read_run",
-    "simulate_traversal", "walk", "write_hydra", "write_run", "write_world",
+    "decode_string", "decode_truth", "draw_pair", "draw_stacked", "encode_pose_with_covariance", "encode_string",
+    "graph_at_end", "is_run", "make_office", "node_id", "query_place", "read_graph", "read_hydra", "read_messages",
+    "read_run", "simulate_traversal", "walk", "write_hydra", "write_run", "write_world",
 ]  # fmt: skip

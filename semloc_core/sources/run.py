@@ -36,6 +36,7 @@ from semloc_core.sources.bag import (
 )
 from semloc_core.sources.bag.kinds import kind_of, unpacked
 from semloc_core.sources.truth import TOLERANCE_S, TruthMatcher
+from semloc_core.text import short_repr
 from semloc_core.wire import Position, SceneGraphUpdate
 
 _LOG = logging.getLogger(__name__)
@@ -70,6 +71,7 @@ class RecordedStep(Protocol):
         """Its true heading there, radians."""
 
 
+@short_repr
 class RunItem(NamedTuple):
     """One update of a run, as text (it may be malformed).
 
@@ -114,6 +116,7 @@ def write_run(path: str | Path, steps: Iterable[RecordedStep], *, compression: C
     return count
 
 
+@short_repr
 class RunMessage(NamedTuple):
     """A message of a run: an update, or a true pose.
 

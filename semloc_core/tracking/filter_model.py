@@ -15,7 +15,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.graph import Labelspace, SceneGraph
+from semloc_core.graph import Labelspace, SceneGraph, storeys_of
 from semloc_core.matching import (
     REACH_M,
     ObservationConfig,
@@ -25,6 +25,7 @@ from semloc_core.matching import (
     slot_distances,
     surroundings,
 )
+from semloc_core.text import short_repr
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int64]
@@ -59,6 +60,7 @@ class FilterConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     ] = 1e-4
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Neighbourhoods:
     """Which places of a map are how far from which, as sparse rows (CSR); every place has a row, itself in it.
@@ -97,13 +99,14 @@ class Neighbourhoods:
         return self._kernels[key]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class MapModel:
     """What a filter needs of a map; made once for a map, read by any number of filters.
 
     Args:
         neighbourhoods: by geodesic distance, up to `NEIGHBOUR_M`.
-        matching: by Euclidean distance, up to the matching radius: what counts as one answer.
+        matching: by Euclidean distance on one storey, up to the matching radius: what counts as one answer.
         observation: the likelihood.
 
     """
@@ -159,6 +162,7 @@ class MapModel:
         return combined
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class MapPart:
     """What a filter needs of one building, by itself; rows count from 0."""
@@ -199,7 +203,8 @@ def map_part(
     near_by = [np.flatnonzero(row[slots] <= NEIGHBOUR_M) for row in rows]
     metres = [row[slots][near].astype(np.float32) for row, near in zip(rows, near_by, strict=True)]
     positions = np.array([graph.places[place] for place in places], dtype=np.float64).reshape(-1, 3)
-    index = RadiusIndex(positions, np.zeros(len(places), dtype=np.int32), radius_m)
+    on = storeys_of(graph)
+    index = RadiusIndex(positions, np.array([on[place] for place in places], dtype=np.int32), radius_m)
     matches = [index.within(row) for row in range(len(places))]
     away = [np.linalg.norm(positions[near] - positions[row], axis=1) for row, near in enumerate(matches)]
     return MapPart(

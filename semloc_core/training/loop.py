@@ -22,6 +22,7 @@ from torch import Tensor
 from semloc_core.encoding import Batch, Encoder, Model, build_encoder, extract_all, take_stars, union
 from semloc_core.errors import TrainingError
 from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace
+from semloc_core.text import short_repr
 from semloc_core.training.config import PerturbConfig, TrainConfig
 from semloc_core.training.losses import Loss, build_loss, ignore_radius
 from semloc_core.training.split import Split, split_places
@@ -59,6 +60,7 @@ class Report:
     val_pr_auc: float
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class TrainResult:
     """A trained model and how it came to be.

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from semloc_core.errors import TrainingError
 from semloc_core.graph import Floats, GraphArrays
+from semloc_core.text import short_repr
 
 Bools = NDArray[np.bool_]
 Part = Literal["train", "validation", "test"]
@@ -18,6 +19,7 @@ SHARES = (0.7, 0.2, 0.1)
 """Train, validation, test (paper, section IV-B2)."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Split:
     """The partition of one building's places.

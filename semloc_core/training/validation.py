@@ -13,6 +13,7 @@ from torch import Tensor
 from semloc_core.encoding import Encoder, similarity_matrix
 from semloc_core.graph import Floats
 from semloc_core.metrics import pr_auc
+from semloc_core.text import short_repr
 from semloc_core.training.config import TrainConfig
 from semloc_core.training.losses import build_loss, ignore_radius
 from semloc_core.training.split import Bools, Part
@@ -28,6 +29,7 @@ GRID = 24
 """Temperatures tried, evenly in their logarithm, before the best is refined."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Judgement:
     """Figures of one look at a part of the split.

@@ -10,6 +10,8 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from semloc_core.text import short_repr
+
 # Lengths are bounded so that no distance overflows: nothing on Earth is 10⁹ m from anything else.
 Metres = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 Length = Annotated[float, msgspec.Meta(ge=0, le=1e9)]
@@ -53,6 +55,7 @@ class Odometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     frame_id: str | None = None
 
 
+@short_repr
 class SceneGraphUpdate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """In: a full scene graph, or a delta to the one before. Nodes are upserts."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
+from semloc_core.text import short_repr
 from semloc_core.wire.codec import one_line
 
 MAX_NAMES = 1000
@@ -13,6 +14,7 @@ OTHERS = "(others)"
 """What names beyond the first thousand are counted under."""
 
 
+@short_repr
 class NameCounter(Counter[str]):
     """Names -> of how many things each was seen, in bounded memory; each name printable and cut to 100 characters.
 

@@ -31,3 +31,29 @@ def test_an_output_that_is_none_is_refused_first(semloc, write_corridor, tmp_pat
         assert str(out) in result.err
         assert why in result.err
     assert {path.name for path in tmp_path.iterdir()} == {"home.json"}, "nothing was begun"
+
+
+@pytest.mark.parametrize("option", ["--json", "-o"])
+def test_an_input_by_any_name_is_no_output(semloc, write_corridor, tmp_path, option) -> None:
+    graph = write_corridor(tmp_path / "home.json", ["chair", "couch"])
+    (tmp_path / "hard.json").hardlink_to(graph)
+    (tmp_path / "soft.json").symlink_to(graph)
+    before = graph.read_bytes()
+    command = ("evaluate", "office", graph) if option == "--json" else ("bag", "simulate", graph)
+    for name in ("home.json", "hard.json", "soft.json"):
+        said = semloc(*command, option, tmp_path / name, "--force")
+        assert (said.code, len(said.err.splitlines())) == (2, 1), said
+        assert "to be no input" in said.err
+        assert graph.read_bytes() == before
+
+
+def test_what_is_there_takes_force_and_the_same_kind(semloc, write_corridor, tmp_path) -> None:
+    graph, run = write_corridor(tmp_path / "home.json", ["chair", "couch"]), tmp_path / "run.mcap"
+    other = write_corridor(tmp_path / "other.json", ["chair"])
+    assert semloc("bag", "simulate", graph, "-o", run).code == 0
+    first = run.read_bytes()
+    assert "--force" in semloc("bag", "simulate", graph, "--seed", "3", "-o", run).err
+    assert run.read_bytes() == first
+    assert semloc("bag", "simulate", graph, "--seed", "3", "-o", run, "--force").code == 0
+    assert "which is a scene graph" in semloc("bag", "simulate", graph, "-o", other, "--force").err
+    assert semloc("bag", "simulate", graph, "-o", tmp_path / "folder").code == 0

@@ -10,7 +10,14 @@ from semloc_core.replay.recorded import ReplaySummary
 
 
 def row(scope: str, queries: int, right: float, precision: float | None = 0.9) -> dict[str, object]:
-    figures = {"answered": 1.0, "success@1": right, "success@5": 0.8, "success@10": 1.0, "accepted": 0.5}
+    figures = {
+        "answered": 1.0,
+        "success@1": right,
+        "success@5": 0.8,
+        "success@10": 1.0,
+        "chance": 0.2,
+        "accepted": 0.5,
+    }
     return {"method": "rings", "scope": scope, "queries": queries, **figures, "precision": precision, "error_m": None}
 
 
@@ -35,10 +42,16 @@ def test_one_table_has_success_by_metres_status_calibration_and_latency() -> Non
         ["success@1", "0.250", "0.750", "0.500"],
         ["success@5", "0.800", "0.800", "0.800"],
     ]
+    assert next(line for line in lines if line.startswith("by chance")).split() == [
+        "by",
+        "chance",
+        "@1",
+        *["0.200"] * 3,
+    ]
     assert next(line for line in lines if line.startswith("right of accepted")).split()[3:] == ["0.900", "0.900"]
     assert "status             30 match (75%), 10 ambiguous (25%), of 41 updates" in lines
     assert "latency            12.3 ms median, 56.7 ms 99th percentile" in lines
-    assert "probability        calibrated: the chance that the place is within 4 m" in lines
+    assert "probability        calibrated: the chance that the place is right" in lines
     assert not any(mark in line for line in lines for mark in "┃│…"), "no frame, nothing cut off"
 
 
@@ -46,6 +59,13 @@ def test_what_the_probabilities_are_worth_is_said() -> None:
     assert any("not calibrated" in line for line in printed(summary(calibrated=0)))
     assert any("calibrated in 7 of 40 answers" in line for line in printed(summary(calibrated=7)))
     assert any("no answer lists a place" in line for line in printed(summary(listed=0, calibrated=0)))
+
+
+def test_one_answer_of_many_is_not_none_of_them_and_the_others_are_not_all() -> None:
+    statuses = Counter(match=240, ambiguous=1)
+    assert "status             240 match (>99%), 1 ambiguous (<1%), of 241 updates" in printed(
+        summary(statuses=statuses, updates=241)
+    )
 
 
 def test_without_a_ground_truth_the_rest_is_still_said() -> None:

@@ -187,3 +187,53 @@ def test_what_a_removed_building_taught_of_classes_goes_with_it(semloc, house, m
     )
     assert semloc("map", "remove", map_file, "office").code == 0
     np.testing.assert_array_equal(load(map_file).embeddings, plain.embeddings[rows])
+
+
+def test_a_merge_is_taken_back_by_one_step_and_the_same_run_known_again(semloc, house, map_file, tmp_path):
+    assert semloc("map", "add", map_file, house / "other.json").code == 0
+    assert "got none" in semloc("map", "merge", map_file, "--undo").err
+    before = load(map_file)
+    assert semloc("map", "merge", map_file, house / "run.mcap").code == 0
+    once = load(map_file)
+    shutil.copy(house / "run.mcap", tmp_path / "renamed.mcap")
+    for words in (("--dry-run",), ("--building", "office"), ()):
+        again = semloc("map", "merge", map_file, tmp_path / "renamed.mcap", *words)
+        assert (again.code, again.err.count("\n")) == (2, 1), again
+        assert "merged before as number 1 of 1, run.mcap" in again.err
+    assert load(map_file).hash == once.hash
+    assert semloc("map", "merge", map_file, tmp_path / "renamed.mcap", "--force").code == 0
+    assert len(load(map_file).history("office").traversals) == 2
+    back = semloc("map", "merge", map_file, "--undo")
+    assert (back.code, back.out) == (0, "office: as before renamed.mcap was merged\n")
+    assert load(map_file).history("office").traversals == once.history("office").traversals
+    np.testing.assert_array_equal(load(map_file).embeddings, once.embeddings)
+    assert "got none" in semloc("map", "merge", map_file, "--undo").err, "one step"
+    assert semloc("map", "merge", map_file, house / "run.mcap", "--undo").code == 2
+    assert before.hash != load(map_file).hash
+
+
+def test_the_first_merge_taken_back_leaves_the_map_that_was_built(semloc, house, map_file):
+    before = load(map_file)
+    assert semloc("map", "merge", map_file, house / "run.mcap").code == 0
+    assert semloc("map", "merge", map_file, "--undo", "--building", "office").code == 0
+    after = load(map_file)
+    assert after.hash == before.hash
+    np.testing.assert_array_equal(after.embeddings, before.embeddings)
+
+
+def test_what_is_edited_after_a_merge_is_not_taken_back_with_it(semloc, house, map_file):
+    assert semloc("map", "merge", map_file, house / "run.mcap").code == 0
+    merged = load(map_file)
+    assert semloc("map", "remove", map_file, "office", "--place", merged.place_ids[3]).code == 0
+    edited = load(map_file).hash
+    said = semloc("map", "merge", map_file, "--undo")
+    assert (said.code, said.err.count("\n")) == (2, 1)
+    assert "it was changed since" in said.err
+    assert load(map_file).hash == edited
+
+
+def test_the_graph_that_a_map_was_built_from_is_no_later_traversal(semloc, house, map_file):
+    said = semloc("map", "merge", map_file, house / "office.json")
+    assert (said.code, said.err.count("\n")) == (2, 1)
+    assert "(got office.json that it was mapped from)" in said.err
+    assert load(map_file).hash == load(house / "office.map").hash

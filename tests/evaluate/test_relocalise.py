@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from semloc_core.encoding.encoder import build_encoder
@@ -48,6 +49,13 @@ def test_a_building_is_found_from_its_own_map(root: Path, small_worlds: list[Wor
     assert rings["all"]["success@1"] == 1.0
     assert rings["all"]["queries"] == sum(len(world.graph.places) for world in small_worlds)
     assert rings["b"]["queries"] == len(small_worlds[1].graph.places)
+    sizes = [len(world.graph.places) for world in small_worlds]
+    for name, world in zip("abc", small_worlds, strict=True):
+        at = np.array(list(world.graph.places.values()))
+        near = (np.linalg.norm(at[:, None] - at[None], axis=2) <= 4.0).sum() / len(at)
+        assert rings[name]["chance"] == tested[name]["chance"] == pytest.approx(near / sum(sizes))
+    mean = sum(float(rings[name]["chance"] or 0) * size for name, size in zip("abc", sizes, strict=True)) / sum(sizes)
+    assert rings["all"]["chance"] == pytest.approx(mean)
     for row in rows:
         for n in (1, 5, 10) if row["scope"] != "foreign" else ():
             low, value, high = (float(row[f"success@{n}{end}"] or 0.0) for end in ("_low", "", "_high"))

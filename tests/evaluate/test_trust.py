@@ -44,6 +44,8 @@ def test_answers_are_those_of_the_online_evaluation(homes: Path, study: Study) -
         row["scope"]: row["success@1"] for row in rows if row["method"] == "rings + layout" and row["home"] == "any"
     }
     assert {row["scope"]: row["right"] for row in status_rows(study) if "right" in row} == pytest.approx(expected)
+    chance = {row["scope"]: row["chance"] for row in rows if row["method"] == "rings" and row["home"] == "any"}
+    assert {row["scope"]: row["chance"] for row in status_rows(study) if "right" in row} == pytest.approx(chance)
     alone = success_points(study)[1]["right, by similarity alone"]
     plain = [row["success@1"] for row in rows if row["method"] == "rings" and row["home"] == "any"]
     assert [mean for mean, _, _ in alone] == pytest.approx(plain)

@@ -10,7 +10,7 @@ import pytest
 from killing import run_and_kill
 
 import semloc_core
-from semloc_core.files import write_whole
+from semloc_core.files.whole import write_whole
 
 ROUNDS = int(os.environ.get("SEMLOC_SOAK", "0")) or 20  # set by `make soak`
 

@@ -8,6 +8,7 @@ from contextlib import closing
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 from map_cases import ONE_LINE, make_building, make_map, make_model, same
 
@@ -15,6 +16,7 @@ from semloc_core.errors import MapError
 from semloc_core.map_database import MapDatabase, describe, load
 from semloc_core.map_database.history import MOVE_RATE, ClassChange, History, ObjectBelief, Traversal, move_rates
 from semloc_core.map_database.stored.schema import FORMAT_VERSION
+from semloc_core.sources.world import KINDS, draw_stacked
 
 RUN = Traversal("run.mcap", 0.5, (1.0, 2.0, 0.0), 0.1, 3, 1, 2, 1, 0, 4)
 HISTORY = History((RUN,), {"o0": ObjectBelief(0.3, 2, 4)}, {"chair": ClassChange(1.5, 2.5)})
@@ -35,6 +37,7 @@ def format_1(path: Path) -> None:
     """The same map as version 1 wrote it."""
     with closing(sqlite3.connect(path, isolation_level=None)) as connection:
         connection.execute("DROP TABLE history")
+        connection.execute("DROP TABLE storeys")
         connection.execute("PRAGMA user_version = 1")
         connection.execute("VACUUM")
 
@@ -87,6 +90,32 @@ def test_a_map_of_format_1_is_read_as_it_stands_and_migrated_when_written(path, 
     assert load(path).history("a") == HISTORY
     with closing(sqlite3.connect(path)) as connection:
         assert connection.execute("PRAGMA user_version").fetchone() == (FORMAT_VERSION,)
+
+
+def test_a_map_of_format_2_gets_its_storeys_and_keeps_its_hash(tmp_path):
+    world, _ = draw_stacked(KINDS["home"], 2, np.random.default_rng(2))
+    ids, model = sorted(world.graph.places), make_model()
+    positions = np.array([world.graph.places[id_] for id_ in ids])
+    path = tmp_path / "two.map"
+    with MapDatabase.create(path, model) as database:
+        database.add_building("a", world.graph, ids, positions, np.zeros((len(ids), model.encoder.dimension)))
+    before = load(path)
+    assert set(before.storeys.tolist()) == {0, 1}
+    assert len(describe(path)["buildings"][0]["storeys"]) == 2
+    with closing(sqlite3.connect(path, isolation_level=None)) as connection:
+        connection.execute("DROP TABLE storeys")
+        connection.execute("PRAGMA user_version = 2")
+    as_it_stands = load(path)
+    assert as_it_stands.hash == before.hash
+    np.testing.assert_array_equal(as_it_stands.storeys, before.storeys)
+    MapDatabase.open(path).close()
+    assert describe(path)["format_version"] == FORMAT_VERSION
+    assert load(path).hash == before.hash
+    np.testing.assert_array_equal(load(path).storeys, before.storeys)
+    with closing(sqlite3.connect(path, isolation_level=None)) as connection:
+        connection.execute("UPDATE storeys SET data = zeroblob(length(data))")
+    with pytest.raises(MapError, match=ONE_LINE):
+        load(path)
 
 
 @pytest.mark.parametrize("data", [b"{}x", b'{"objects": {"o0": {"persistence": 2}}}', b"\xff", 7])

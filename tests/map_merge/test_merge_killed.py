@@ -24,7 +24,7 @@ from semloc_core.sources.bag import BagWriter
 from semloc_core.wire import codec as wire
 
 ROUNDS = int(os.environ.get("SEMLOC_SOAK", "0")) or 8  # set by `make soak`
-OLD = b"what was there before\n"
+OLD = b'{"command": "", "rows": []}\n'
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL and fork")
 
@@ -47,7 +47,7 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
 def test_killed_while_merging(case: tuple[Path, list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
     folder, words = case
     path, figures = folder / "office.map", folder / "figures.json"
-    words = [*words, "--json", str(figures)]
+    words = [*words, "--json", str(figures), "--force"]
     shutil.copy(folder / "before.map", path)
     propose, writing = store.propose, store.write
     proposed, began = [], [0.0]

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from semloc_core.evaluate.fit_confidence import Examples, draw_buildings, fit, gather
+from semloc_core.evaluate.fit_confidence import Example, draw_buildings, fit, gather
+from semloc_core.matching.layout.confidence import near_figures
 from semloc_core.metrics.calibration import accepted_share, expected_calibration_error, reliability
 from semloc_core.sources.world import KINDS
 
@@ -30,13 +31,16 @@ def test_a_fit_learns_what_is_worth_believing():
     rng = np.random.default_rng(1)
     maps, again, space = draw_buildings(KINDS["home"], 2, rng)
     found = gather(maps, again, len(space), 2, rng)
-    assert found.right.any()
-    assert not found.right[~found.at_home].any()
-    assert (~found.at_home).any()
+    assert all(isinstance(one, Example) for one in found)
+    right, at_home = (np.array([getattr(one, name) for one in found]) for name in ("right", "at_home"))
+    assert right.any()
+    assert not right[~at_home].any()
+    assert (~at_home).any()
     calibration = fit(found)
-    terms = calibration.terms(found.x)
+    terms = calibration.terms(np.array([one.x for one in found]))
     believed = terms @ np.array(calibration.right)
-    assert believed[found.right].mean() > believed[~found.at_home].mean() + 1
+    assert believed[right].mean() > believed[~at_home].mean() + 1
     known = terms @ np.array(calibration.in_map)
-    assert known[found.at_home].mean() > known[~found.at_home].mean()
-    assert isinstance(found, Examples)
+    assert known[at_home].mean() > known[~at_home].mean()
+    near, far = near_figures(np.array([0.5, 6.0]), 20) @ np.array(calibration.near)
+    assert near > 0 > far, "a place beside where the robot is is right, one beyond the match radius is not"

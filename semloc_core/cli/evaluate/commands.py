@@ -22,9 +22,10 @@ from semloc_core.cli.shared.common import (
     write_json,
 )
 from semloc_core.cli.shared.foreign_classes import report_unknown_classes
+from semloc_core.cli.shared.outputs import App
 from semloc_core.cli.shared.screen import print_pivot
 
-app = typer.Typer(no_args_is_help=True, help="Measure: the paper's protocol, and whole buildings.")
+app = App(no_args_is_help=True, help="Measure: the paper's protocol, and whole buildings.")
 app.command("merge")(evaluate_merge.merge)
 app.command("trust")(evaluate_trust.trust)
 app.command("shortlist")(shortlist.shortlist)

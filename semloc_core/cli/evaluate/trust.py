@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from semloc_core.cli.shared.common import Json, Seed, console, progress
+from semloc_core.cli.shared.outputs import Writes
+from semloc_core.files import FOLDER, PICTURE
 
 if TYPE_CHECKING:
     from semloc_core.evaluate import Study
 
+PICTURES = ("reliability", "success", "failure")
 _HEAD = ("method", "scope", "building", "walk", "status", "probability")
 
 
@@ -20,7 +23,12 @@ def trust(
     walks: Annotated[int, typer.Option(min=1, help="Walks a building, on average.")] = 10,
     pictures: Annotated[
         Path | None,
-        typer.Option("--pictures", metavar="FOLDER", help="Draw reliability.png, success.png and failure.png there."),
+        typer.Option(
+            "--pictures",
+            metavar="FOLDER",
+            parser=Writes(FOLDER, files=lambda values: (f"{name}.png" for name in PICTURES), inside=PICTURE),
+            help="Draw reliability.png, success.png and failure.png there.",
+        ),
     ] = None,
     seed: Seed = 0,
     json_file: Json = None,
@@ -29,7 +37,14 @@ def trust(
 
     The walks and answers are those of `semloc evaluate online` for rings + layout.
     """
-    from semloc_core.evaluate import condition_rows, failures, status_rows, study_trust, threshold_rows
+    from semloc_core.evaluate import (
+        calibration_rows,
+        condition_rows,
+        failures,
+        status_rows,
+        study_trust,
+        threshold_rows,
+    )
     from semloc_core.files import write_whole
     from semloc_core.metrics import document, print_table
 
@@ -37,7 +52,9 @@ def trust(
         study = study_trust(root, walks=walks, seed=seed, progress=bar)
     status, wrong = status_rows(study), failures(study)
     thresholds, conditions = threshold_rows(study), condition_rows(study)
+    calibration = calibration_rows(study)
     print_table(status, title=str(root), console=console)
+    print_table(calibration, title="probabilities, of the first place listed and of those after it", console=console)
     print_table(thresholds, title="accepted from a probability on", console=console)
     print_table(conditions, title="at 5 to 10 m", console=console)
     console.print(f"wrong at 5 to 10 m: {len(wrong)}")
@@ -47,7 +64,8 @@ def trust(
         console.print(f"- {head}; {figures}", markup=False, highlight=False)
     if json_file is not None:
         write_whole(
-            json_file, document("evaluate trust", seed, [str(root)], [*status, *thresholds, *conditions, *wrong])
+            json_file,
+            document("evaluate trust", seed, [str(root)], [*status, *calibration, *thresholds, *conditions, *wrong]),
         )
     if pictures is not None:
         pictures.mkdir(parents=True, exist_ok=True)

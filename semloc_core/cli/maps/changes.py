@@ -165,36 +165,55 @@ def remove(
 def merge(
     map_place: MapPlace,
     traversal: Annotated[
-        Path, typer.Argument(metavar="GRAPH|RUN", help="A later traversal, in any frame whose z axis is up.")
-    ],
+        Path | None,
+        typer.Argument(metavar="[GRAPH|RUN]", help="A later traversal, in any frame whose z axis is up."),
+    ] = None,
     building: Annotated[
         str | None, typer.Option("--building", metavar="NAME", help="Merge into this one; default: where it fits best.")
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would change, and change nothing.")] = False,
     labelspace: LabelspaceOption = None,
     synonyms: SynonymsOption = None,
+    take_back: Annotated[
+        bool,
+        typer.Option("--undo", help="Take the last merge back, one step; no other change may have come since."),
+    ] = False,
     allow_unknown: AllowUnknown = False,
     topic: TopicOption = None,
     robot: RobotOption = None,
     json_file: Json = None,
+    force: Annotated[
+        bool,
+        typer.Option("--force", help="Merge what was merged before again, and replace the file of figures."),
+    ] = False,
 ) -> None:
     """Merge a later traversal of a building that the map has: what it confirms, moves, misses and adds.
 
     It is laid on the building by what it saw, and refused where that does not fit. Objects that were confirmed gain
     weight, those not seen where free space was seen lose it, by how often their class moves; places are embedded anew.
+    A run that was merged before is refused. With --undo the building is as it was before the last merge.
     """
     from semloc_core.graph import Reading
-    from semloc_core.map_merge import merge_into, propose
+    from semloc_core.map_merge import merge_into, propose, undo
 
+    if take_back:
+        if traversal is not None or dry_run or json_file is not None:
+            raise MapError("expected --undo without a run, --dry-run or --json (got one of them)")
+        with to_change(map_place) as (database, model):
+            name, gone = undo(database, model, building)
+        console.print(f"{name}: as before {gone.source or 'the last run'} was merged")
+        return
+    if traversal is None:
+        raise MapError("expected a GRAPH or RUN to merge, or --undo (got neither)")
     reading = Reading.of(labelspace, synonyms, topic=topic, robot=robot)
     if dry_run:
         with to_read(map_place) as (map_, model):
             graph = read_known(traversal, reading.with_known(model.labelspace), allow_unknown)
-            name, merged = propose(map_, model, graph, building, source=traversal.name)
+            name, merged = propose(map_, model, graph, building, source=traversal.name, again=force)
     else:
         with to_change(map_place) as (database, model):
             graph = read_known(traversal, reading.with_known(model.labelspace), allow_unknown)
-            name, merged = merge_into(database, model, graph, building, source=traversal.name)
+            name, merged = merge_into(database, model, graph, building, source=traversal.name, again=force)
     _say(name, merged, "would be " if dry_run else "")
     if json_file is not None:
         row: Row = {"method": model.encoder.name, "scope": name, **_figures(merged)}

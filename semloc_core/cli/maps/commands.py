@@ -20,10 +20,12 @@ from semloc_core.cli.shared.common import (
     progress,
 )
 from semloc_core.cli.shared.foreign_classes import AllowUnknown
-from semloc_core.cli.shared.map_places import Index, fresh, refuse_existing
+from semloc_core.cli.shared.map_places import Index, fresh, map_that_was, refuse_existing
+from semloc_core.cli.shared.outputs import App, Force, Writes
 from semloc_core.cli.shared.screen import many
+from semloc_core.files import MAP
 
-app = typer.Typer(no_args_is_help=True, help="Build and change map databases.")
+app = App(no_args_is_help=True, help="Build and change map databases.")
 
 
 @app.command("build")
@@ -31,7 +33,13 @@ def build(
     inputs: Inputs,
     output: Annotated[
         str,
-        typer.Option("-o", "--output", metavar="MAP", help="Where to write the map: a file or an address."),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="MAP",
+            parser=Writes(MAP, address=True),
+            help="Where to write the map: a file or an address.",
+        ),
     ],
     model: Annotated[
         str | None,
@@ -48,7 +56,7 @@ def build(
     allow_unknown: AllowUnknown = False,
     topic: TopicOption = None,
     robot: RobotOption = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing map.")] = False,
+    force: Force = False,
     index: Index = None,
 ) -> None:
     """Build a map database: every place of every building, embedded; the file carries the model too."""
@@ -57,11 +65,11 @@ def build(
 
     if not force:
         refuse_existing(output)
-    names, places = names_of(inputs, name), 0
+    names, places, was = names_of(inputs, name), 0, map_that_was(output)
     reading = Reading.of(labelspace, synonyms, topic=topic, robot=robot)
     loaded = choose_model(model, inputs, reading, allow_unknown=allow_unknown)
     reading = reading.with_known(loaded.labelspace)
-    with fresh(output, loaded, index) as database, progress("embedding places") as bar:
+    with fresh(output, loaded, was, index) as database, progress("embedding places") as bar:
         for i, (path, building) in enumerate(zip(inputs, names, strict=True)):
             bar(i, len(inputs), building)
             graph = read_known(path, reading, allow_unknown)

@@ -63,7 +63,13 @@ def info(
     if json_file is not None:
         name = facts["model"]["name"]
         rows: list[Row] = [
-            {"method": name, "scope": b["name"], "places": b["places"], "objects": b["objects"]}
+            {
+                "method": name,
+                "scope": b["name"],
+                "places": b["places"],
+                "objects": b["objects"],
+                "storeys": len(b["storeys"]),
+            }
             for b in facts["buildings"]
         ]
         write_json(json_file, "map info", 0, [map_place], [*rows, *alike])
@@ -107,11 +113,18 @@ def _table(*names: str) -> Table:
 
 def _print_buildings(facts: dict[str, Any]) -> None:
     merged = any(building["traversals"] for building in facts["buildings"])
-    table = _table("building", "places", "objects", *(["merged"] if merged else []))
+    table = _table("building", "places", "objects", "storeys", *(["merged"] if merged else []))
     for b in facts["buildings"]:
-        table.add_row(cut(b["name"]), str(b["places"]), str(b["objects"]), *([str(b["traversals"])] if merged else []))
+        more = [str(b["traversals"])] if merged else []
+        table.add_row(cut(b["name"]), str(b["places"]), str(b["objects"]), _storeys(b["storeys"]), *more)
     console.print()
     print_whole(table, console)
+
+
+def _storeys(storeys: list[dict[str, Any]]) -> str:
+    """How many, and where there are several how high the places of each lie."""
+    heights = ", ".join(f"{storey['height_m']:.1f}" for storey in storeys)
+    return f"{len(storeys)} (at {heights} m)" if len(storeys) > 1 else str(len(storeys))
 
 
 def _print_classes(facts: dict[str, Any]) -> None:

@@ -14,12 +14,14 @@ from semloc_core.cli.shared.map_places import (
     Patterns,
     address_of,
     fresh,
+    map_that_was,
     only_a_file,
-    refuse_existing,
     server_map,
     tell_no_effect,
 )
+from semloc_core.cli.shared.outputs import Force, Writes
 from semloc_core.cli.shared.screen import many
+from semloc_core.files import MAP
 
 
 def push(
@@ -51,17 +53,16 @@ def push(
 
 def pull(
     address: Address,
-    map_file: Annotated[Path, typer.Argument(metavar="FILE", help="The map file to write.")],
+    map_file: Annotated[Path, typer.Argument(metavar="FILE", parser=Writes(MAP), help="The map file to write.")],
     buildings: Patterns = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+    force: Force = False,
 ) -> None:
     """Copy buildings of a map on a server into a map file: all of them, or those of a site."""
     from semloc_core.fleet import pull as copy
     from semloc_core.map_database import load
 
-    if not force:
-        refuse_existing(str(map_file))
-    with server_map(address) as database, fresh(str(map_file), database.model) as file:
+    was = map_that_was(map_file)
+    with server_map(address) as database, fresh(str(map_file), database.model, was) as file:
         count = copy(database, file, buildings or ())
     console.print(f"{map_file}: {many(count, 'building')}, hash {load(map_file).hash}")
 

@@ -11,29 +11,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
+from semloc_core.cli.shared.outputs import Writes
 from semloc_core.cli.shared.screen import console as console
 from semloc_core.cli.shared.screen import note as note
-from semloc_core.errors import ConfigError, FileFormatError
-from semloc_core.files import write_whole
+from semloc_core.errors import FileFormatError
+from semloc_core.files import FIGURES, write_whole
 
 if TYPE_CHECKING:
     from semloc_core.graph import Reading, SceneGraph
     from semloc_core.sources import HydraFile
 
 
-def can_be_written(path: Path | None) -> Path | None:
-    """Refuse a file that can't be written before the work that it is to keep: the callback of such options."""
-    if path is not None:
-        if path.is_dir():
-            raise ConfigError(f"expected a file to write to (got {path}, which is a folder)")
-        if not path.parent.is_dir():
-            raise ConfigError(f"expected a file in a folder that exists (got {path})")
-    return path
-
-
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")]
 Json = Annotated[
-    Path | None, typer.Option("--json", metavar="FILE", callback=can_be_written, help="Write the figures as JSON.")
+    Path | None, typer.Option("--json", metavar="FILE", parser=Writes(FIGURES), help="Write the figures as JSON.")
 ]
 LabelspaceOption = Annotated[
     str | None,

@@ -10,6 +10,7 @@ from typing import Any
 import typer
 
 from semloc_core.cli.shared.ending import working
+from semloc_core.cli.shared.outputs import Writes
 from semloc_core.errors import ConfigError, FileFormatError, MapError, SemlocError
 
 WHAT: dict[str, tuple[str, type[SemlocError]]] = {
@@ -17,6 +18,7 @@ WHAT: dict[str, tuple[str, type[SemlocError]]] = {
     "GRAPH...": ("a scene-graph file", FileFormatError),
     "GRAPH|RUN": ("a scene-graph file or a run", FileFormatError),
     "GRAPH|RUN...": ("a scene-graph file or a run", FileFormatError),
+    "[GRAPH|RUN]": ("a scene-graph file or a run", FileFormatError),
     "RUN": ("a bag", FileFormatError),
     "RESULTS": ("a bag", FileFormatError),
     "MAP": ("a map file", MapError),
@@ -29,29 +31,27 @@ WHAT: dict[str, tuple[str, type[SemlocError]]] = {
 """What an input is, by the word that stands for it in the help, and the error that its absence is."""
 OPTIONS = ("--map", "--run", "--study", "--synonyms", "--model")
 """Options that name inputs; the names of shipped models are no files."""
-MADE = {"world many", "map pull"}
-"""Commands whose last argument is what they write."""
 
 
-def guard(app: typer.Typer, names: Sequence[str] = ()) -> None:
+def guard(app: typer.Typer) -> None:
     """Let all commands look for their inputs first, and be stoppable in good order."""
     for group in app.registered_groups:
         assert group.typer_instance is not None
-        guard(group.typer_instance, [*names, str(group.name)])
+        guard(group.typer_instance)
         if callback := group.typer_instance.registered_callback:
-            callback.callback = _guarded(callback.callback, "")
+            callback.callback = _guarded(callback.callback)
     for command in app.registered_commands:
-        command.callback = _guarded(command.callback, " ".join([*names, str(command.name)]))
+        command.callback = _guarded(command.callback)
 
 
-def _guarded(function: Callable[..., Any] | None, name: str) -> Callable[..., Any] | None:
+def _guarded(function: Callable[..., Any] | None) -> Callable[..., Any] | None:
     if function is None or hasattr(function, "__wrapped__"):
         return function
 
     @functools.wraps(function)
     def run(**values: Any) -> Any:
         with working():
-            for metavar, paths in _inputs(function, name, values):
+            for metavar, paths in _inputs(function, values):
                 for path in paths:
                     _look_for(path, metavar)
             return function(**values)
@@ -59,7 +59,7 @@ def _guarded(function: Callable[..., Any] | None, name: str) -> Callable[..., An
     return run
 
 
-def _inputs(function: Callable[..., Any], name: str, values: dict[str, Any]) -> Iterable[tuple[str, Sequence[Any]]]:
+def _inputs(function: Callable[..., Any], values: dict[str, Any]) -> Iterable[tuple[str, Sequence[Any]]]:
     """The word for each input, and the paths given."""
     from typing import get_type_hints
 
@@ -68,7 +68,9 @@ def _inputs(function: Callable[..., Any], name: str, values: dict[str, Any]) -> 
         for said in getattr(hint, "__metadata__", ()):
             if value is None or said.metavar not in WHAT:
                 continue
-            asked = isinstance(said, typer.models.ArgumentInfo) and not (name in MADE and parameter != "address")
+            if isinstance(said.parser, Writes):
+                continue
+            asked = isinstance(said, typer.models.ArgumentInfo)
             if asked or any(option in OPTIONS for option in getattr(said, "param_decls", None) or ()):
                 yield said.metavar, value if isinstance(value, list | tuple) else [value]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -90,9 +91,7 @@ def to_change(place: str) -> Iterator[tuple[WritableMap, Model]]:
 
 def refuse_existing(place: str) -> None:
     """Refuse to build where a map is already; on a server one without buildings does no harm."""
-    if not is_address(place):
-        if Path(place).exists():
-            raise MapError(f"expected a new file, or --force to replace one (got {place}, which exists)")
+    if not is_address(place):  # `semloc_core.files.outputs` has looked
         return
     from semloc_core.fleet import map_exists
 
@@ -102,10 +101,39 @@ def refuse_existing(place: str) -> None:
                 raise MapError(f"expected a new map, or --force to replace one (got {len(names)} buildings at {place})")
 
 
+@dataclass(frozen=True)
+class Was:
+    """Which map was in a file when a command began; none of these: no map."""
+
+    content_hash: str = ""
+    generation: int = -1
+    inode: int = -1
+
+
+def map_that_was(place: str | Path) -> Was:
+    """Which map is in a file, to be asked before work on another begins; of a server nothing is kept in mind."""
+    from semloc_core.map_database import read, read_meta
+
+    path = Path(place)
+    if is_address(str(place)) or not path.exists() or not path.stat().st_size:
+        return Was()
+    meta = read(path, read_meta)
+    return Was(meta.content_hash, meta.generation, path.stat().st_ino)
+
+
 @contextmanager
-def fresh(place: str, model: Model, index: str | None = None) -> Iterator[WritableMap]:
-    """A map without buildings at this place, once the block ends well; else what was there before."""
-    from semloc_core.map_database import MapDatabase
+def fresh(place: str, model: Model, was: Was, index: str | None = None) -> Iterator[WritableMap]:
+    """A map without buildings at this place, once the block ends well; else what was there before.
+
+    Args:
+        place: a file or an address.
+        model: of the map.
+        was: what the file held when the command began. A file that holds another map by now stays as it is.
+        index: of a map on a server.
+
+    """
+    from semloc_core.files import real, scratch_folder
+    from semloc_core.map_database import MapDatabase, publish_map
 
     if is_address(place):
         with _fresh_on_server(parse_address(place), model, index) as there:
@@ -113,20 +141,25 @@ def fresh(place: str, model: Model, index: str | None = None) -> Iterator[Writab
         return
     if index is not None:
         raise MapError(f"expected --index with a map on a server (got {place}, a file, which has none)")
-    output = Path(place)
-    if output.exists():  # other processes may have it open, so it is changed in place, in one transaction
+    output = Path(real(place))
+    lost = MapError(f"expected to put a map at {place} (got one that another process has written meanwhile)")
+    if output.exists() and output.stat().st_size:
+        # Others may have it open, so it is changed in place, in one transaction, which waits for other writers.
         with MapDatabase.open(output) as database, database.transaction():
+            if Was(database.meta.content_hash, database.meta.generation, output.stat().st_ino) != was:
+                raise lost
             database.reset(model)
             yield database
         return
-    unfinished = output.with_name(f".{output.name}.unfinished")
-    unfinished.unlink(missing_ok=True)
-    try:
-        with MapDatabase.create(unfinished, model) as database:
+    with scratch_folder(output) as folder:  # with its log, so that nothing of it is left whatever ends the work
+        with MapDatabase.create(folder / output.name, model) as database:
             yield database
-        unfinished.replace(output)
-    finally:
-        unfinished.unlink(missing_ok=True)
+        if output.exists() and not output.stat().st_size:
+            output.unlink()
+        try:
+            publish_map(folder / output.name, output)
+        except MapError:
+            raise lost from None
 
 
 def tell_no_effect(index: str | None, address: MilvusAddress) -> None:

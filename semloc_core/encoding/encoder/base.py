@@ -15,10 +15,12 @@ from semloc_core.encoding.encoder.discriminant import Pairs
 from semloc_core.encoding.place_graph import Batch
 from semloc_core.encoding.place_graph.extraction import Extraction
 from semloc_core.errors import ConfigError, ModelError
+from semloc_core.text import short_repr
 
 S = TypeVar("S", bound=msgspec.Struct)
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Encoded:
     """Embeddings and what attention gave them.
@@ -57,6 +59,9 @@ class Encoder(nn.Module, ABC):
         if n_classes < 1:
             raise ConfigError(f"expected at least one class for encoder '{self.name}' (got {n_classes})")
         self.n_classes = n_classes
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.n_classes} classes, {self.dimension} numbers a place)"
 
     @property
     @abstractmethod

@@ -14,8 +14,10 @@ from torch import Tensor, nn
 
 from semloc_core.encoding.place_graph import Batch
 from semloc_core.errors import ModelError
+from semloc_core.text import short_repr
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class TrimmedEdges:
     """The edges of a batch that are still there, and how long a prefix each layer needs.

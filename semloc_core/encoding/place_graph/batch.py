@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from semloc_core.errors import LabelspaceError
+from semloc_core.text import short_repr
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Batch:
     """B query places (*roots*) and their surroundings: N nodes, E directed edges (source sends to target).

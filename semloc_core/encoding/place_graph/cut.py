@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from semloc_core.encoding.place_graph import Batch, extract_all, reach_all_batch
 from semloc_core.encoding.place_graph.extraction import Extraction
 from semloc_core.graph import GraphArrays, ranges
+from semloc_core.text import short_repr
 
 Ints = NDArray[np.int64]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class PlaceBatches:
     """The batch of each place of a building, alone: the same embedding as from the building as a whole.

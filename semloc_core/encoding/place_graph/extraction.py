@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from semloc_core.text import short_repr
 
+
+@short_repr
 @dataclass(frozen=True)
 class Extraction:
     """Which surroundings of a place an encoder reads.

@@ -20,11 +20,13 @@ from semloc_core.encoding.encoder.layers import SumLayer, trim
 from semloc_core.encoding.encoder.paper.encoder import TINY, PaperEncoder
 from semloc_core.encoding.place_graph import Batch
 from semloc_core.encoding.variants.root_attention import Attended, RootAttention
+from semloc_core.text import short_repr
 
 MOST_NODES = 600
 """Beyond these the dense adjacency matrix costs more than it saves."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class CopiedLayer:
     """A sum layer, its batch norm as a factor and an offset."""

@@ -9,8 +9,10 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from semloc_core.encoding.encoder.paper.gatv2 import NEGATIVE_SLOPE, GATv2
+from semloc_core.text import short_repr
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Attended:
     """What the attention's gradient needs: (R, K, heads · H) sent and its argument, (R, K, heads) weights."""

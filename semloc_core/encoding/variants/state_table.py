@@ -15,6 +15,8 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
+from semloc_core.text import short_repr
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -24,6 +26,7 @@ EXACT = 2.0**52
 """Codes are summed in floating point; up to here each is an integer of its own."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class StateTable:
     """States after the first layer.

@@ -13,12 +13,14 @@ from semloc_core.evaluate.online.fragments import answered
 from semloc_core.evaluate.relocalise import Arena
 from semloc_core.graph import Floats, Ints
 from semloc_core.sources import Walk, WalkConfig, walk
+from semloc_core.text import short_repr
 from semloc_core.tracking import MapModel, PlaceFilter, map_model
 
 Bools = NDArray[np.bool_]
 Similarities = NDArray[np.float32]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class OnlineWalk:
     """A walk, and the building (an index) that it is in."""
@@ -73,6 +75,22 @@ def steps_at(walk: Walk, scopes_m: Sequence[float]) -> Ints:
     return np.minimum(np.searchsorted(walk.metres, scopes_m), walk.steps - 1).astype(np.int64)
 
 
+def by_chance(arena: Arena, path: OnlineWalk, at: Ints, radius_m: float, *, known: bool = False) -> Floats:
+    """(K,) the share of the database's places that are right (`verdict`) at K steps: success@1 of a blind guess.
+
+    Args:
+        arena: its maps are the database.
+        path: the walk.
+        at: (K,) steps.
+        radius_m: how near is right.
+        known: guess in the robot's building alone.
+
+    """
+    rows = np.flatnonzero(arena.building == path.building) if known else np.arange(len(arena.building))
+    found: Floats = verdict(arena, path, at, np.tile(rows, (len(at), 1)), radius_m)[:, : len(rows)].mean(axis=1)
+    return found
+
+
 def verdict(arena: Arena, path: OnlineWalk, at: Ints, best: Ints, radius_m: float) -> Bools:
     """(K, 10) whether each answer is right, at K steps.
 
@@ -86,8 +104,7 @@ def verdict(arena: Arena, path: OnlineWalk, at: Ints, best: Ints, radius_m: floa
 
     """
     asked = path.walk.at(at)
-    away = np.linalg.norm(arena.positions[best] - asked.truth()[:, None], axis=2)
-    right: Bools = (away <= radius_m) & (arena.building[best] == path.building) & (best >= 0)
+    right: Bools = arena.right(best, path.building, asked.truth(), radius_m) & (best >= 0)
     right &= answered(asked)[:, None]
-    missing = max(metrics.RANKS) - right.shape[1]
+    missing = max(max(metrics.RANKS) - right.shape[1], 0)
     return np.pad(right, ((0, 0), (0, missing)))

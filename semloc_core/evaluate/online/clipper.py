@@ -21,6 +21,7 @@ import numpy as np
 from msgspec import Meta
 
 from semloc_core.graph import Floats, Ints
+from semloc_core.text import short_repr
 
 _FAINT = 1e-9
 _CHANGE = 1e-8
@@ -38,6 +39,7 @@ class ClipperConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     steps: Annotated[int, Meta(ge=1, description="most gradient steps at one penalty")] = 200
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Registration:
     """A seen set of objects laid on a mapped one.

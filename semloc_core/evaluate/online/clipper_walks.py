@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from semloc_core import metrics
-from semloc_core.evaluate.online.answers import OnlineWalk, steps_at, verdict
+from semloc_core.evaluate.online.answers import OnlineWalk, by_chance, steps_at, verdict
 from semloc_core.evaluate.online.clipper import ClipperConfig, register, upright_fit
 from semloc_core.evaluate.online.verified import groups_of, success_rows
 from semloc_core.evaluate.relocalise import Arena
@@ -45,6 +45,7 @@ def judge_clipper(
 
     """
     right = np.zeros((len(paths), len(scopes_m), max(metrics.RANKS)), np.bool_)
+    chance = np.zeros(right.shape[:2])
     error = np.full((len(paths), len(scopes_m), 2), np.nan)
     for i, path in enumerate(paths):
         progress(i, len(paths), METHOD)
@@ -61,8 +62,9 @@ def judge_clipper(
                 off = np.angle(np.exp(1j * (yaw - truth)))
                 error[i, k] = np.linalg.norm(where - path.walk.truth()[step]), np.degrees(np.abs(off))
         right[i] = verdict(arena, path, at, best, radius_m)
+        chance[i] = by_chance(arena, path, at, radius_m)
     keys: Row = {"method": METHOD, "filter": "none", "home": "any"}
-    rows = success_rows(keys, right, groups_of(paths), scopes_m, seed)
+    rows = success_rows(keys, right, chance, groups_of(paths), scopes_m, seed)
     for k, row in enumerate(rows):
         for name, values in zip(("position_error_m", "heading_error_deg"), error[right[:, k, 0], k].T, strict=True):
             if len(values):

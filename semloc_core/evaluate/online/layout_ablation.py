@@ -10,7 +10,7 @@ import numpy as np
 
 from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.evaluate.online.answers import make_walks, steps_at, verdict
+from semloc_core.evaluate.online.answers import by_chance, make_walks, steps_at, verdict
 from semloc_core.evaluate.online.verified import groups_of, success_rows
 from semloc_core.evaluate.relocalise import make_arena, read_buildings
 from semloc_core.evaluate.verified_answers import fragments_along
@@ -67,8 +67,10 @@ def evaluate_layout(
         progress(done, len(VARIANTS), name)
         verifier = LayoutVerifier(arena.maps, every, len(labelspace), config)
         right = np.zeros((len(paths), len(scopes_m), max(metrics.RANKS)), np.bool_)
+        chance = np.zeros(right.shape[:2])
         for i, path in enumerate(paths):
             at = steps_at(path.walk, scopes_m)
+            chance[i] = by_chance(arena, path, at, MATCH_RADIUS_M)
             best = np.full(right.shape[1:], -1, dtype=np.int64)
             for k, fragment in enumerate(fragments_along(path.walk, at, verifier, np.random.default_rng([seed, i]))):
                 found = verifier.verify(fragment)
@@ -76,6 +78,6 @@ def evaluate_layout(
                     listed = found.rows[: best.shape[1]]
                     best[k, : len(listed)] = listed
             right[i] = verdict(arena, path, at, best, MATCH_RADIUS_M)
-        rows += success_rows({"method": name}, right, groups_of(paths), scopes_m, seed)
+        rows += success_rows({"method": name}, right, chance, groups_of(paths), scopes_m, seed)
     progress(len(VARIANTS), len(VARIANTS), "done")
     return rows

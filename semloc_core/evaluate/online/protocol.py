@@ -1,7 +1,7 @@
 """Online: a robot has walked a few metres, its graph is a fragment: in which building, and where in it, it is.
 
 ROOT/*/query.json is revealed along walks and asked against ROOT/*/map.json, all maps in one database. A match is
-right in the same building and within 4 m, as in `semloc_core.evaluate.relocalise`.
+right in the same building, within 4 m and on the same storey, as in `semloc_core.evaluate.relocalise`.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from semloc_core.evaluate.online.agreement import Agreement
 from semloc_core.evaluate.online.answers import (
     OnlineWalk,
     believed,
+    by_chance,
     make_walks,
     read_maps,
     steps_at,
@@ -83,8 +84,8 @@ def evaluate_online(
     Returns:
         For each method, for ``filter`` ``none`` and ``bayes``, for ``home`` ``any`` (all buildings are searched) and
         ``known`` (only the one that the robot is in), a row a scope (``0m``, ``5m`` …): ``success@N`` with a 95 %
-        bootstrap interval ``_low``, ``_high`` over buildings (over walks where there is only one) and ``queries``,
-        one a walk.
+        bootstrap interval ``_low``, ``_high`` over buildings (over walks where there is only one), ``chance``, the
+        share of the places searched that are right, averaged over walks, and ``queries``, one a walk.
 
     Raises:
         FileFormatError: no building in the folder, or a file that can't be read.
@@ -153,8 +154,11 @@ def judge_online(
     database = np.concatenate([embed_graph(model, graph) for graph in arena.maps])
     variants = [(f, home) for f in (("none", "bayes") if places else ("none",)) for home in ("any", "known")]
     verdicts = {v: np.zeros((len(paths), len(scopes_m), max(metrics.RANKS)), np.bool_) for v in variants}
+    chance = {home: np.zeros((len(paths), len(scopes_m))) for home in ("any", "known")}
     for i, path in enumerate(paths):
         at = steps_at(path.walk, scopes_m)
+        for home, by in chance.items():
+            by[i] = by_chance(arena, path, at, radius_m, known=home == "known")
         if places is None:
             similarity = similarity_matrix(embed_walk(model, path.walk.at(at)), database)
         else:
@@ -171,7 +175,7 @@ def judge_online(
     rows = []
     for (filter_, home), right in verdicts.items():
         rows += success_rows(
-            {"method": method, "filter": filter_, "home": home}, right, groups_of(paths), scopes_m, seed
+            {"method": method, "filter": filter_, "home": home}, right, chance[home], groups_of(paths), scopes_m, seed
         )
     return rows
 
@@ -187,14 +191,13 @@ def judge_agreement(
     seed: int,
 ) -> list[Row]:
     """How far the objects seen could lead at all: the rows of `semloc_core.evaluate.online.agreement`."""
-    positions, building = arena.positions, arena.building
+    every = np.arange(len(arena.positions))[None]
     share = np.zeros((len(paths), len(scopes_m)))
     number = np.zeros((len(paths), len(scopes_m)))
     for i, path in enumerate(paths):
         at = steps_at(path.walk, scopes_m)
         unexplained = agreement.unexplained(path.walk, at, range_m)
-        away = np.linalg.norm(positions - path.walk.truth()[at][:, None], axis=2)
-        right = (away <= radius_m) & (building == path.building)
+        right = arena.right(every, path.building, path.walk.truth()[at], radius_m)
         best = np.where(right, unexplained, np.inf).min(axis=1)
         agree = unexplained <= best[:, None]
         number[i] = agree.sum(axis=1)

@@ -8,11 +8,11 @@ import numpy as np
 
 from semloc_core import metrics
 from semloc_core.encoding import Model, embed_graph, similarity_matrix
-from semloc_core.evaluate.online.answers import Bools, OnlineWalk, believed, steps_at, verdict
+from semloc_core.evaluate.online.answers import Bools, OnlineWalk, believed, by_chance, steps_at, verdict
 from semloc_core.evaluate.online.fragments import answered, embed_walk, surroundings_along
 from semloc_core.evaluate.relocalise import Arena
 from semloc_core.evaluate.verified_answers import add_error, any_frame, fragments_along, reranked, verified_evidence
-from semloc_core.graph import Ints
+from semloc_core.graph import Floats, Ints
 from semloc_core.matching import LayoutVerifier, Placed
 from semloc_core.metrics import PoseErrors, Row, accepted_share, expected_calibration_error
 from semloc_core.tracking import FilterConfig, MapModel, PlaceFilter
@@ -56,11 +56,14 @@ def judge_online_layout(
     right = {("none", home): np.zeros(shape, np.bool_) for home in ("any", "known")}
     if places is not None:
         right["bayes", "any"] = np.zeros(shape, np.bool_)
+    chance = {home: np.zeros(shape[:2]) for home in ("any", "known")}
     sure, abroad = np.zeros(shape[:2]), np.full(shape[:2], -np.inf)
     errors = [PoseErrors() for _ in scopes_m]
     for i, path in enumerate(paths):
         at = steps_at(path.walk, scopes_m)
         asked = answered(path.walk.at(at))
+        for home, by in chance.items():
+            by[i] = by_chance(arena, path, at, radius_m, known=home == "known")
         steps = at if places is None else np.arange(path.walk.steps)
         similarity = similarity_matrix(embed_walk(model, path.walk.at(steps)), database)
         fragments = fragments_along(path.walk, steps, verifier, np.random.default_rng([seed, i]))
@@ -92,7 +95,7 @@ def judge_online_layout(
     found: list[Row] = []
     for (filter_, home), verdicts in right.items():
         keys: Row = {"method": name, "filter": filter_, "home": home}
-        for k, row in enumerate(success_rows(keys, verdicts, groups_of(paths), scopes_m, seed)):
+        for k, row in enumerate(success_rows(keys, verdicts, chance[home], groups_of(paths), scopes_m, seed)):
             if (filter_, home) == ("none", "any"):
                 row["ece"] = expected_calibration_error(sure[:, k], verdicts[:, k, 0])
                 row |= errors[k].figures()
@@ -105,12 +108,17 @@ def judge_online_layout(
     return found
 
 
-def success_rows(keys: Row, right: Bools, groups: Ints | None, scopes_m: Sequence[float], seed: int) -> list[Row]:
-    """A row a scope of verdicts (W, K, 10), with bootstrap intervals over groups (W,) (over walks where None)."""
+def success_rows(
+    keys: Row, right: Bools, chance: Floats, groups: Ints | None, scopes_m: Sequence[float], seed: int
+) -> list[Row]:
+    """A row a scope of verdicts (W, K, 10), with bootstrap intervals over groups (W,) (over walks where None).
+
+    ``chance`` (W, K), of `by_chance`, is averaged over walks.
+    """
     rng = np.random.default_rng(seed)
     rows: list[Row] = []
     for column, metres in enumerate(scopes_m):
-        row: Row = {**keys, "scope": f"{metres:g}m", "queries": len(right)}
+        row: Row = {**keys, "scope": f"{metres:g}m", "queries": len(right), "chance": float(chance[:, column].mean())}
         for n in metrics.RANKS:
             success: Bools = right[:, column, :n].max(axis=1)
             low, high = metrics.bootstrap_interval(success, rng, groups=groups)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.errors import ConfigError
+from semloc_core.text import short_repr
 
 Floats = NDArray[np.float64]
 Game = Callable[[NDArray[np.bool_]], Floats]
@@ -22,6 +23,7 @@ Game = Callable[[NDArray[np.bool_]], Floats]
 MAX_EXACT_PLAYERS = 20
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class ShapleyValues:
     """The players' values.

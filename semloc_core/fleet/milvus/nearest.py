@@ -12,11 +12,13 @@ import numpy as np
 from semloc_core.errors import MapError
 from semloc_core.fleet.milvus.rows import integer, text
 from semloc_core.fleet.source import Nearest
+from semloc_core.text import short_repr
 
 _HNSW_EF = 1.5  # candidates looked at for each that is wanted
 _MOST_EF = 32_768
 
 
+@short_repr
 @dataclass(frozen=True)
 class Hits:
     """What searches found: (similarity, generation, place) of each."""

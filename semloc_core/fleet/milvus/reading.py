@@ -25,6 +25,7 @@ from semloc_core.fleet.milvus.rows import (
 )
 from semloc_core.fleet.milvus.server import MAX_ROWS, NoCollectionError, Server
 from semloc_core.map_database import MAX_BUILDINGS, PlaceRows, StoredBuilding
+from semloc_core.text import short_repr
 
 _PIECES_AT_ONCE = 256  # 16 MiB of text
 _POINTERS_AT_ONCE = 512  # at most 32 MiB
@@ -32,6 +33,7 @@ _PLACE_BYTES_AT_ONCE = 2**23
 _MAX_CATALOGUE_BYTES = 2**28  # packed; some 400 a building, more where traversals were merged
 
 
+@short_repr
 @dataclass(frozen=True)
 class State:
     """One state of a map's catalogue.

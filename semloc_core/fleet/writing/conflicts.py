@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from semloc_core.errors import MapError
 from semloc_core.fleet.milvus.reading import State
 from semloc_core.map_database import ClassChange, PlaceRows, StoredBuilding, unpack_history
+from semloc_core.text import short_repr
 
 
+@short_repr
 @dataclass(frozen=True)
 class Draft:
     """A building that is to be written.

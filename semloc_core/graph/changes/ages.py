@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from semloc_core.graph.changes.drift import DriftMeter
 from semloc_core.graph.scene_graph import Change, SceneGraph
 from semloc_core.wire import Object, Odometry, Position
 
@@ -49,6 +50,8 @@ class Ages:
         self._way = Way()
         self._walked = 0.0
         self._known: dict[str, tuple[Object, float]] = {}
+        self._meter = DriftMeter()
+        self._written: dict[str, tuple[Position, float]] = {}
 
     def update(self, graph: SceneGraph, change: Change, odometry: Odometry | None) -> None:
         """Take in what an update of the graph changed.
@@ -66,10 +69,27 @@ class Ages:
             item = graph.objects.get(key)
             if item is None:
                 known.pop(key, None)
+                self._written.pop(key, None)
             elif key not in known or known[key][0] != item:
                 known[key] = (item, self._walked)
+                self._measure(key, item, here)
         if len(known) > len(graph.objects):  # of a graph that was lost
             self._known = {key: value for key, value in known.items() if key in graph.objects}
+            self._written = {key: value for key, value in self._written.items() if key in graph.objects}
+
+    @property
+    def drift(self) -> float | None:
+        """How much the frame drifts, by what was written anew; None where that was too little."""
+        return self._meter.drift
+
+    def _measure(self, key: str, item: Object, here: Position | None) -> None:
+        """Take in that an object was written anew; what is written while the robot stands says nothing of drift."""
+        before = self._written.get(key)
+        metres = 0.0 if before is None else self._walked - before[1]
+        if before is not None and metres > 0 and here is not None:
+            self._meter.add(math.dist(before[0][:2], item.position[:2]), metres, math.dist(here[:2], item.position[:2]))
+        if before is None or metres > 0:
+            self._written[key] = (item.position, self._walked)
 
     def __call__(self, key: str) -> float:
         """Metres walked since an object of the graph changed; 0 for one that is not known."""

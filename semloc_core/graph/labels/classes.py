@@ -26,6 +26,7 @@ from semloc_core.graph.labels.labelspace import (
     placeholder,
     union,
 )
+from semloc_core.text import short_repr
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,6 +38,7 @@ NAMED = 12
 """Labels named at most in a line."""
 
 
+@short_repr
 @dataclass(frozen=True)
 class Reading:
     """What is said of labels, but for what the file itself says.

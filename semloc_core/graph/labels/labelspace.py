@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from semloc_core.errors import LabelspaceError
 from semloc_core.graph.labels.files import read_labelspace_file, read_synonyms_file, shipped_path
 from semloc_core.graph.labels.files import shipped_labelspaces as shipped_labelspaces
+from semloc_core.text import short_repr
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -57,6 +58,7 @@ def is_nameless(name: str) -> bool:
     return folded(name) == NAMELESS
 
 
+@short_repr
 @dataclass(frozen=True)
 class Labelspace:
     """An ordered set of class names.

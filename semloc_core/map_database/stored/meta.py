@@ -8,7 +8,13 @@ from dataclasses import dataclass
 
 from semloc_core.encoding import Model
 from semloc_core.errors import MapError, SemlocError
-from semloc_core.map_database.stored.records import building_digest, content_hash, read_history_bytes, read_places
+from semloc_core.map_database.stored.records import (
+    building_digest,
+    content_hash,
+    keep_storeys,
+    read_history_bytes,
+    read_places,
+)
 from semloc_core.map_database.stored.schema import MAX_BLOB_BYTES
 
 
@@ -89,6 +95,7 @@ def seal(connection: sqlite3.Connection) -> None:
             raise MapError(f"expected at least one place in building {name!r} (got none)")
         digest = building_digest(places, frame_id, graph_digest, read_history_bytes(connection, key))
         connection.execute("UPDATE building SET digest = ? WHERE id = ?", (digest, key))
+        keep_storeys(connection, key)
     digests = connection.execute("SELECT name, digest FROM building").fetchall()
     fresh = content_hash(meta.model_hash, meta.labelspace_hash, digests)
     _write_meta(connection, {"content_hash": fresh, "generation": str(meta.generation + 1)})

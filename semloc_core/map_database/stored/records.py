@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semloc_core.errors import GraphError, MapError, MessageError
-from semloc_core.graph import SceneGraph
+from semloc_core.graph import SceneGraph, storeys_of
 from semloc_core.map_database.history import History, unpack_history
+from semloc_core.text import short_repr
 from semloc_core.wire import decode_update, encode
 
 F = TypeVar("F", np.float32, np.float64)
@@ -27,8 +28,10 @@ MOST_PACKED = 32
 """No graph is packed tighter than so many times (most are eight times), so that no small file unpacks to much."""
 MAX_NAME_LENGTH = 1024
 MAX_BUILDINGS = 100_000
+_CHECK_BYTES = 32
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class PlaceRows:
     """Places of one building, by rising id.
@@ -66,6 +69,7 @@ class Note(TypedDict, total=False):
     stamp_ns: int | None
 
 
+@short_repr
 @dataclass(frozen=True)
 class PackedGraph:
     """A building's scene graph: a full ``scene_graph_update`` in JSON, compressed by zlib."""
@@ -157,6 +161,65 @@ def read_history_bytes(connection: sqlite3.Connection, building: int) -> bytes:
     if row is not None and not isinstance(row[0], bytes):
         raise MapError("expected a building's history (got something else: the map is damaged)")
     return row[0] if row is not None else b""
+
+
+def keep_storeys(connection: sqlite3.Connection, building: int) -> None:
+    """Derive the storeys of a building's places from its scene graph, given its key, and store them."""
+    row = connection.execute(
+        "SELECT graph_digest, graph_bytes, graph FROM building WHERE id = ?", (building,)
+    ).fetchone()
+    ids = [id_ for (id_,) in connection.execute("SELECT id FROM place WHERE building = ? ORDER BY id", (building,))]
+    on = derived_storeys(PackedGraph(*row), ids)
+    data = np.array(on, dtype="<i2").tobytes()
+    connection.execute(
+        "INSERT OR REPLACE INTO storeys (building, data) VALUES (?, ?)", (building, _checked(row[0], ids, data))
+    )
+
+
+def read_storeys(
+    connection: sqlite3.Connection, building: int, graph_digest: str, place_ids: Sequence[str]
+) -> tuple[int, ...] | None:
+    """The storeys of a building's places as they were stored; None in maps of formats 1 and 2, which have none.
+
+    Args:
+        connection: the open map.
+        building: its key.
+        graph_digest: of its scene graph.
+        place_ids: its places, by rising id.
+
+    Raises:
+        MapError: they are not those of these places of that scene graph.
+
+    """
+    if not connection.execute("SELECT 1 FROM sqlite_schema WHERE name = 'storeys'").fetchone():
+        return None
+    row = connection.execute("SELECT data FROM storeys WHERE building = ?", (building,)).fetchone()
+    data = row[0][_CHECK_BYTES:] if row is not None and isinstance(row[0], bytes) else b""
+    if len(data) != 2 * len(place_ids) or row[0] != _checked(graph_digest, place_ids, data):
+        raise MapError("expected the storeys of a building's places (got others: the map is damaged)")
+    return tuple(np.frombuffer(data, dtype="<i2").tolist())
+
+
+def _checked(graph_digest: str, place_ids: Sequence[str], data: bytes) -> bytes:
+    """Storeys with a digest that binds them to places and scene graph.
+
+    The content hash covers both, and with them all that storeys follow from: it is that of format 2.
+    """
+    head = json.dumps([graph_digest, list(place_ids)]).encode()
+    return hashlib.sha256(head + data).digest() + data
+
+
+def derived_storeys(graph: PackedGraph, place_ids: Sequence[str]) -> tuple[int, ...]:
+    """The storeys of some places of a stored scene graph, from the graph alone.
+
+    Raises:
+        MapError: the graph is not what was stored, or lacks a place.
+
+    """
+    on = storeys_of(unpack_graph(graph))
+    if not all(id_ in on for id_ in place_ids):
+        raise MapError("expected places of the building's scene graph (got others: the map is damaged)")
+    return tuple(on[id_] for id_ in place_ids)
 
 
 def read_places(connection: sqlite3.Connection, building: int, dimension: int) -> PlaceRows:

@@ -11,18 +11,19 @@ from __future__ import annotations
 import os
 import shutil
 import sqlite3
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import TypeVar
 
 from semloc_core.errors import MapError
+from semloc_core.files import APPLICATION_ID, link_new, scratch_folder
+from semloc_core.map_database.stored.records import keep_storeys
 
-FORMAT_VERSION = 2
-APPLICATION_ID = 0x53454D4C  # "SEML", in the header of every map file
+FORMAT_VERSION = 3
 BUSY_TIMEOUT_S = 30.0
 MAX_BLOB_BYTES = 512 * 2**20  # of any one value: the model, a compressed scene graph
+SIDECARS = ("-wal", "-shm", "-journal")
 ROOM_BYTES = 64 * 2**10  # what SQLite puts beside a map to open it at all: an index of the log, the log's beginning
 PAGE_BYTES = 8192  # a place with an embedding of up to some 450 numbers fits into a page
 
@@ -38,16 +39,28 @@ _TABLES_1 = (
 )
 
 HISTORY = "CREATE TABLE history (building INTEGER PRIMARY KEY REFERENCES building (id), data BLOB NOT NULL)"
-TABLES = (*_TABLES_1, HISTORY)
+STOREYS = "CREATE TABLE storeys (building INTEGER PRIMARY KEY REFERENCES building (id), data BLOB NOT NULL)"
+TABLES = (*_TABLES_1, HISTORY, STOREYS)
 # Formats that are read as they are, so that a map which can't be written to need not be migrated first.
-READABLE: Mapping[int, tuple[str, ...]] = {1: _TABLES_1, FORMAT_VERSION: TABLES}
+READABLE: Mapping[int, tuple[str, ...]] = {1: _TABLES_1, 2: (*_TABLES_1, HISTORY), FORMAT_VERSION: TABLES}
 
 SQLITE_ERRORS = (sqlite3.Error, UnicodeError)  # the second: a damaged name in the text of the first
 
 Migration = Callable[[sqlite3.Connection], object]
+
+
+def _with_storeys(connection: sqlite3.Connection) -> None:
+    connection.execute(STOREYS)
+    for (key,) in connection.execute("SELECT id FROM building ORDER BY id").fetchall():
+        keep_storeys(connection, key)
+
+
 # Version v -> what makes a file of version v + 1 of it: runs inside a transaction, must leave `TABLES` of its day.
 # To change the format: raise FORMAT_VERSION and add the step from the version before.
-MIGRATIONS: Mapping[int, Migration] = {1: lambda connection: connection.execute(HISTORY)}
+MIGRATIONS: Mapping[int, Migration] = {
+    1: lambda connection: connection.execute(HISTORY),
+    2: _with_storeys,
+}
 
 T = TypeVar("T")
 
@@ -103,39 +116,36 @@ def create_file(path: Path, fill: Callable[[sqlite3.Connection], None]) -> None:
         MapError: something is there already, or it can't be written.
 
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}.new")
-    with map_errors(path):
-        try:
-            with closing(sqlite3.connect(temporary, isolation_level=None)) as connection:
-                connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
-                connection.execute("PRAGMA journal_mode = WAL")  # kept in the file
-                connection.execute("PRAGMA synchronous = FULL")
-                connection.execute("BEGIN IMMEDIATE")
-                connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-                connection.execute(f"PRAGMA user_version = {FORMAT_VERSION}")
-                for table in TABLES:
-                    connection.execute(table)
-                fill(connection)
-                connection.execute("COMMIT")
-            _publish(temporary, path)
-        finally:
-            for suffix in ("", "-wal", "-shm"):
-                Path(f"{temporary}{suffix}").unlink(missing_ok=True)
+    with map_errors(path), scratch_folder(path) as folder:
+        temporary = folder / path.name
+        with closing(sqlite3.connect(temporary, isolation_level=None)) as connection:
+            connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
+            connection.execute("PRAGMA journal_mode = WAL")  # kept in the file
+            connection.execute("PRAGMA synchronous = FULL")
+            connection.execute("BEGIN IMMEDIATE")
+            connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+            connection.execute(f"PRAGMA user_version = {FORMAT_VERSION}")
+            for table in TABLES:
+                connection.execute(table)
+            fill(connection)
+            connection.execute("COMMIT")
+        publish_map(temporary, path)
 
 
-def _publish(temporary: Path, path: Path) -> None:
-    """Give a finished file its name, unless the name is taken."""
+def publish_map(temporary: Path, path: Path) -> None:
+    """Give a finished map file its name, unless the name is taken.
+
+    Raises:
+        MapError: it is, by now.
+
+    """
     if not path.exists():  # a log that outlived its map would be replayed into the new one
-        for suffix in ("-wal", "-shm", "-journal"):
+        for suffix in SIDECARS:
             Path(f"{path}{suffix}").unlink(missing_ok=True)
     try:
-        os.link(temporary, path)  # unlike a rename, refuses to replace
+        link_new(temporary, path, str(path))
     except FileExistsError:
         raise MapError(f"expected no file at {path} (got one that is there already)") from None
-    except OSError:  # a file system without hard links
-        if path.exists():
-            raise MapError(f"expected no file at {path} (got one that is there already)") from None
-        temporary.replace(path)
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(folder)

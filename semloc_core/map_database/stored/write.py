@@ -100,8 +100,8 @@ def touch(connection: sqlite3.Connection, key: int, dimension: int, graph: Scene
 
 def delete_building(connection: sqlite3.Connection, key: int) -> None:
     """Delete a building's rows."""
-    connection.execute("DELETE FROM history WHERE building = ?", (key,))
-    connection.execute("DELETE FROM place WHERE building = ?", (key,))
+    for table in ("history", "storeys", "place"):
+        connection.execute(f"DELETE FROM {table} WHERE building = ?", (key,))
     connection.execute("DELETE FROM building WHERE id = ?", (key,))
 
 

@@ -13,11 +13,13 @@ from semloc_core.matching.layout.pose.expected_objects import expected_each
 from semloc_core.matching.layout.pose.heading_vote import HEADINGS, STEP
 from semloc_core.matching.layout.pose.local_map import Complex, There, around_rows
 from semloc_core.matching.layout.verifier import LayoutVerifier, Verified
+from semloc_core.text import short_repr
 
 EXPLAINED = float(np.log(2.0))
 """Nats from which on an object is likelier a mapped one than invented."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Missed:
     """A mapped object that should have been seen, and was not.
@@ -34,6 +36,7 @@ class Missed:
     lost: float
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """The score of one place, taken apart: a sum, so each part is exactly what it adds.

@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, SceneGraph
 from semloc_core.matching.layout.config import LayoutConfig
+from semloc_core.text import short_repr
 
 CELL_M = 0.8
 """Places are thinned to one a cell of this size, so that a mapper that lays them closer has no louder voice."""
 _MOST_CELLS = 2.0**17
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Fragment:
     """The surroundings of a place, in a gravity-aligned frame with the place as its origin.
@@ -27,6 +29,7 @@ class Fragment:
         places: (k, 3) float64, metres; one a cell of `CELL_M`.
         origin: (3,) where the place is in the robot's frame, metres.
         ages: (n,) metres walked since each object last changed.
+        drift: how much the robot's frame drifts (`graph.changes.drift.DriftMeter`); None where that is not known.
 
     """
 
@@ -36,6 +39,7 @@ class Fragment:
     places: Floats
     origin: Floats
     ages: Floats
+    drift: float | None = None
 
     def __post_init__(self) -> None:
         n = len(self.object_ids)
@@ -59,6 +63,7 @@ def fragment_of_graph(
     place: str,
     config: LayoutConfig,
     age: Callable[[str], float] | None = None,
+    drift: float | None = None,
 ) -> Fragment:
     """The surroundings of a place of a live graph; objects of classes that the labelspace lacks are left out.
 
@@ -68,6 +73,7 @@ def fragment_of_graph(
         place: of the graph.
         config: how far to look.
         age: gives the metres walked since an object last changed; None: all are new.
+        drift: of the robot's frame; None where it is not known.
 
     """
     # Sorting and copying all of a large graph at every update would cost more than the rest of the answer.
@@ -83,15 +89,16 @@ def fragment_of_graph(
     classes = np.array([labelspace.index(item.class_) for item in items], dtype=np.int64)
     origin = np.array(graph.places[place], dtype=np.float64)
     ages = np.zeros(len(beside)) if age is None else np.array([age(key) for key in beside], dtype=np.float64)
-    return _around(origin, objects, classes, beside, graph.index.positions, config, ages)
+    return _around(origin, objects, classes, beside, graph.index.positions, config, ages, drift)
 
 
-def fragment_of_arrays(graph: GraphArrays, place: int, config: LayoutConfig, ages: Floats | None = None) -> Fragment:
+def fragment_of_arrays(
+    graph: GraphArrays, place: int, config: LayoutConfig, ages: Floats | None = None, drift: float | None = None
+) -> Fragment:
     """The same of a frozen graph and the index of one of its places; ``ages`` (O,) of its objects, None for all new."""
     origin, ages = graph.place_positions[place], np.zeros(graph.n_objects) if ages is None else ages
-    return _around(
-        origin, graph.object_positions, graph.object_classes, graph.object_ids, graph.place_positions, config, ages
-    )
+    positions, classes, ids = graph.object_positions, graph.object_classes, graph.object_ids
+    return _around(origin, positions, classes, ids, graph.place_positions, config, ages, drift)
 
 
 def near(offsets: Floats, config: LayoutConfig) -> NDArray[np.bool_]:
@@ -133,6 +140,7 @@ def _around(
     places: Floats,
     config: LayoutConfig,
     ages: Floats,
+    drift: float | None,
 ) -> Fragment:
     offsets = objects - origin
     chosen = np.flatnonzero(near(offsets, config) & (classes >= 0))
@@ -147,4 +155,5 @@ def _around(
         places=thinned(room[near(room, config)]),
         origin=origin,
         ages=ages[chosen],
+        drift=drift,
     )

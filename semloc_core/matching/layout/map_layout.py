@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph import Floats, Ints
+from semloc_core.graph import Floats, Ints, separate
 from semloc_core.matching.layout.building.free_space_cost import Rooms
 from semloc_core.matching.layout.building.layout import LayoutPart
 from semloc_core.matching.layout.building.objects_by_place import Around
@@ -27,6 +27,7 @@ class MappedLayout:
     Attributes:
         positions: (M, 3) the map's places, metres; each building in its own frame.
         building: (M,) the number of each place's building.
+        storey: (M,) the number of each place's storey, counted through all buildings.
         object_positions: (K, 3) objects of all buildings, metres.
         object_classes: (K,) of these.
         object_ids: K ids, each of its own building.
@@ -48,6 +49,7 @@ class MappedLayout:
         # Column by column: they are read so.
         self.positions: Floats = np.asfortranarray(np.concatenate([none, *(b.positions for b in parts)]))
         self.building: Ints = np.repeat(np.arange(len(parts)), [len(b) for b in parts]).astype(np.int64)
+        self.storey = separate(self.building, np.concatenate([np.zeros(0, np.int64), *(b.storeys for b in parts)]))
         self.object_positions: Floats = np.asfortranarray(np.concatenate([none, *(b.object_positions for b in parts)]))
         self.object_classes: Ints = np.concatenate([np.zeros(0, np.int64), *(b.object_classes for b in parts)])
         self.object_ids: tuple[str, ...] = tuple(id_ for b in parts for id_ in b.object_ids)

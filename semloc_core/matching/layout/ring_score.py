@@ -17,6 +17,7 @@ from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.building.objects_by_place import sums
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.observation import ObservationConfig
+from semloc_core.text import short_repr
 
 RING_CENTRES_M = np.array([0.0, 2.0, 4.0, 6.0, 8.5, 11.5])
 RING_WIDTHS_M = np.array([1.0, 1.0, 1.0, 1.2, 1.5, 1.8])
@@ -31,6 +32,7 @@ _FAINT = 1e-9
 _CONFIG = ObservationConfig()
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Rings:
     """What is around m places of a building, ring by ring.

@@ -16,8 +16,10 @@ from semloc_core.matching.layout.map_layout import MappedLayout
 from semloc_core.matching.layout.pose.align import align
 from semloc_core.matching.layout.pose.heading_vote import best_poses, heading_scores
 from semloc_core.matching.layout.ring_score import CoarseScan, affordable
+from semloc_core.text import short_repr
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Tried:
     """P aligned poses, best first; a place may have several, with headings of their own.
@@ -40,6 +42,7 @@ class Tried:
     walls: Floats
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Verified:
     """Places of the map that were put to the test, best first, each once.
@@ -49,6 +52,7 @@ class Verified:
         score: (T,) log-likelihood ratio: the objects as mapped there, against all invented.
         heading: (T,) radians: the robot's frame turned by it is parallel to the map's.
         shift: (T, 2) metres from the map's place to where the robot is.
+        rise: (T,) the same in height.
         explained: (T, n) share in the score of each object of the fragment, ≥ 0.
         missing: (T,) lost for objects not seen, ≥ 0.
         walls: (T,) lost for room that the map does not have, ≥ 0.
@@ -60,6 +64,7 @@ class Verified:
     score: Floats
     heading: Floats
     shift: Floats
+    rise: Floats
     explained: Floats
     missing: Floats
     walls: Floats
@@ -75,6 +80,7 @@ class LayoutVerifier:
         n_classes: C.
         config: options.
         weights: for each building the probability that each of its objects is still there; None: all surely are.
+        storeys: for each building the storey of each of these places; None derives them from the graphs.
 
     """
 
@@ -85,9 +91,11 @@ class LayoutVerifier:
         n_classes: int,
         config: LayoutConfig | None = None,
         weights: Sequence[Floats] | None = None,
+        storeys: Sequence[Ints] | None = None,
     ) -> None:
         each = [None] * len(graphs) if weights is None else weights
-        parts = [LayoutPart(g, r, n_classes, w, config) for g, r, w in zip(graphs, rows, each, strict=True)]
+        on = [None] * len(graphs) if storeys is None else storeys
+        parts = [LayoutPart(g, r, n_classes, w, config, s) for g, r, w, s in zip(graphs, rows, each, on, strict=True)]
         self._read(parts, n_classes, config or LayoutConfig())
 
     @classmethod
@@ -155,6 +163,7 @@ class LayoutVerifier:
             score[order],
             fitted.heading[order],
             fitted.shift[order],
+            fitted.rise[order],
             fitted.explained[order],
             fitted.missing[order],
             fitted.walls[order],

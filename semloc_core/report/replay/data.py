@@ -17,7 +17,7 @@ from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import BagError, MapError
 from semloc_core.map_database import LoadedMap
 from semloc_core.metrics import Row
-from semloc_core.replay import LatencyHistogram, TraversalScore, right_matches
+from semloc_core.replay import LatencyHistogram, TraversalScore
 from semloc_core.report.replay.thinned import Thinned
 from semloc_core.sources import (
     GROUND_TRUTH_TOPIC,
@@ -30,6 +30,7 @@ from semloc_core.sources import (
     decode_string,
     decode_truth,
 )
+from semloc_core.text import short_repr
 
 T = TypeVar("T")
 POINTS = 2000
@@ -40,6 +41,7 @@ _WAITING = 100
 """Answers that wait for their true position at most."""
 
 
+@short_repr
 @dataclass(frozen=True)
 class Point:
     """One answer, as drawn.
@@ -62,6 +64,7 @@ class Point:
     latency_ms: float | None
 
 
+@short_repr
 @dataclass(frozen=True)
 class Attributed:
     """Shares of classes in one answer (they sum to 1), and how many objects of each class had a part in it."""
@@ -71,6 +74,7 @@ class Attributed:
     instances: dict[str, int]
 
 
+@short_repr
 @dataclass
 class WrongPlace:
     """A place of the map that was the top match where it should not have been.
@@ -95,6 +99,7 @@ class WrongPlace:
         return self.error_m / same if same else None
 
 
+@short_repr
 @dataclass
 class ReplayData:
     """What a replay's report shows; every list is bounded, whatever the bag's length.
@@ -204,7 +209,7 @@ class _Gathering:
         self.start_ns: int | None = None
         self._map = loaded
         self._data = ReplayData()
-        self._score = TraversalScore(loaded.buildings)
+        self._score = TraversalScore(loaded.buildings, same_storey=loaded.same_storey, chance=loaded.chance)
         self._latency = LatencyHistogram()
         self._matcher: TruthMatcher[tuple[float, wire.PlaceMatches]] = TruthMatcher(round(tolerance_s * 1e9), _WAITING)
         self._attributed: dict[int, wire.ClassAttributions] = {}
@@ -250,7 +255,7 @@ class _Gathering:
         if stamped is not None and self._score.add(answer, stamped.position, stamped.frame_id):
             building = self._score.building_of(stamped.frame_id)
             assert building is not None
-            truth, right = (building, stamped.position), any(right_matches(answer, building, stamped.position)[:1])
+            truth, right = (building, stamped.position), any(self._score.right(answer, building, stamped.position)[:1])
             if top is not None and not right:
                 self._count_wrong(top, building, stamped.position)
         point = Point(seconds, answer.status, top, truth, right, answer.latency_ms)

@@ -15,6 +15,7 @@ from semloc_core.report.floor_plan import Plan
 from semloc_core.report.page import Fact, Page, Section
 from semloc_core.report.replay import sections
 from semloc_core.report.replay.data import ReplayData
+from semloc_core.text import percent
 
 BUILDINGS = 6
 """Buildings drawn at most."""
@@ -29,7 +30,10 @@ TERMS = (
     ("Place", "A patch of free floor: a node of the scene graph. Neighbouring places are joined where one can walk."),
     ("Answer", "What the localiser said to one update: the places of the map most like the robot's, best first."),
     ("Top match", "The first place of an answer."),
-    ("Right", f"Within {MATCH_RADIUS_M:g} m of where the robot truly was, in the same building."),
+    (
+        "Right",
+        f"Within {MATCH_RADIUS_M:g} m of where the robot truly was, in the same building and on the same storey.",
+    ),
     ("success@N", "Share of all answers with a right place among their first N. No answer counts as a wrong one."),
     ("Cosine similarity", "How alike two places are to the encoder: 1 is the same, 0 has nothing in common."),
     ("Probability", "The localiser's own estimate that the top match is right."),
@@ -104,11 +108,11 @@ def _facts(data: ReplayData) -> list[Fact]:
     facts = [Fact(f"{data.answers:,}", "answers")]
     if data.rows:
         total = data.rows[-1]
-        facts.append(Fact(sections.percent(total["success@1"]), f"of top matches within {MATCH_RADIUS_M:g} m"))
-        facts.append(Fact(sections.percent(total["success@5"]), "with a right place among the first 5"))
-    facts.append(Fact(sections.percent(data.statuses["match"] / data.answers), "accepted (status match)"))
+        facts.append(Fact(sections.share_of(total, "success@1"), f"of top matches within {MATCH_RADIUS_M:g} m"))
+        facts.append(Fact(sections.share_of(total, "success@5"), "with a right place among the first 5"))
+    facts.append(Fact(percent(data.statuses["match"] / data.answers), "accepted (status match)"))
     if data.rows and data.rows[-1]["precision"] is not None:
-        facts.append(Fact(sections.percent(data.rows[-1]["precision"]), "of the accepted ones right"))
+        facts.append(Fact(sections.share_of(data.rows[-1], "precision"), "of the accepted ones right"))
     known = [p.match.similarity for p in data.points if p.match is not None]
     if known:
         facts.append(Fact(f"{np.median(known):.2f}", "similarity of the top match, median"))

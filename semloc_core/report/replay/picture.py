@@ -13,6 +13,7 @@ from semloc_core.report.drawing import figure, shown, to_png
 from semloc_core.report.floor_plan import Floats, Plan, draw_building
 from semloc_core.report.replay.data import Attributed, Point, ReplayData
 from semloc_core.report.replay.page import class_order
+from semloc_core.text import percent
 
 _WIDTH, _LEAST_HEIGHT, _BARS = 9.0, 3.2, 6
 
@@ -85,7 +86,7 @@ def _bars(axes: Axes, attributed: Attributed, classes: ClassLooks) -> None:
     for row, (name, share) in enumerate(shares):
         style = classes[name]
         axes.barh(row, share, 0.62, color=style.colour, hatch=style.hatch, edgecolor=INK, linewidth=0.5)
-        axes.annotate(f"{share:.0%}", (share, row), (4, 0), textcoords="offset points", va="center")
+        axes.annotate(percent(share), (share, row), (4, 0), textcoords="offset points", va="center")
     axes.set_yticks(range(len(shares)), names)
     axes.set_ylim(max(len(shares), 4) - 0.4, -0.6)
     axes.set_xlim(0, 1.18 * max((share for _, share in shares), default=1.0))

@@ -22,15 +22,17 @@ from semloc_core.report.replay.time_figures import (
     status_figure,
     success_figure,
 )
+from semloc_core.text import percent
 
 CONFUSIONS = 10
 """Spots listed at most among those that wrong answers fell on."""
 
 
-def percent(value: object) -> str:
-    """A share as a person reads it."""
+def share_of(row: Row, figure: str) -> str:
+    """A row's figure as a percentage."""
+    value = row[figure]
     assert isinstance(value, int | float), value
-    return f"{value:.0%}"
+    return percent(value)
 
 
 def where(data: ReplayData, plans: Sequence[Plan]) -> Section:
@@ -106,8 +108,8 @@ def success(data: ReplayData) -> Section | None:
     return Section(
         "success",
         "How often it was right, by distance travelled",
-        f"Over the whole walk the first place named was right in {percent(total['success@1'])} of the answers and one "
-        f"of the first ten in {percent(total['success@10'])}; bars that rise to the right say that seeing more helps.",
+        f"Over the whole walk the first place named was right in {share_of(total, 'success@1')} of the answers and one "
+        f"of the first ten in {share_of(total, 'success@10')}; bars that rise to the right say that seeing more helps.",
         to_svg(success_figure(data.rows), "success", f"Bars of success by distance travelled; {_spoken(rows)}"),
         [
             Table(
@@ -122,7 +124,7 @@ def success(data: ReplayData) -> Section | None:
 
 
 def _spoken(rows: Sequence[Row]) -> str:
-    return "; ".join(f"{row['travelled']}: success@1 {percent(row['success@1'])}" for row in rows)
+    return "; ".join(f"{row['travelled']}: success@1 {share_of(row, 'success@1')}" for row in rows)
 
 
 def confidence(data: ReplayData) -> Section:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from semloc_core.errors import BagError
+from semloc_core.text import short_repr
 from semloc_core.wire import Position
 
 STRING = "std_msgs/msg/String"
@@ -35,6 +36,7 @@ class StampedPoint(NamedTuple):
     position: Position
 
 
+@short_repr
 class StampedPose(NamedTuple):
     """A position (m) and orientation (unit quaternion) in ``frame_id`` at ``stamp_ns``."""
 

@@ -21,6 +21,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Schema
 
 from semloc_core.errors import BagError
+from semloc_core.text import short_repr
 
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 256 * 2**20
@@ -34,6 +35,7 @@ _TAIL = 16
 """Zeros that a record may well end with: a string's end and its padding."""
 
 
+@short_repr
 class RawMessage(NamedTuple):
     """A message as stored: its channel, log time and publish time (ns), and a view of its payload."""
 

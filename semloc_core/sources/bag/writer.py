@@ -16,6 +16,18 @@ import yaml
 from mcap.writer import CompressionType, Writer
 
 from semloc_core.errors import BagError
+from semloc_core.files import (
+    beside,
+    check_claim,
+    is_stream,
+    must_be_new,
+    open_stream,
+    publish,
+    real,
+    remove,
+    replaces,
+    written,
+)
 from semloc_core.sources.bag.cdr import (
     POINT_STAMPED,
     POSE_STAMPED,
@@ -81,7 +93,8 @@ class BagWriter:
     """Writes messages in the order they come; use it as a context manager.
 
     Each chunk reaches the file as soon as it is full, so that a file that was never closed can be read up to its
-    last chunk. `close` is called however the ``with`` block ends: what was written stays readable.
+    last chunk. `close` is called however the ``with`` block ends: what was written stays readable. A bag that takes
+    the place of one which the running command may replace does so when it is whole; after an error the old one stays.
 
     Args:
         path: ``….mcap`` is a bare mcap file (overwritten); anything else a rosbag2 folder (new or empty).
@@ -98,17 +111,28 @@ class BagWriter:
             raise BagError(f"expected compression none, zstd or lz4 (got {compression!r})")
         self.path = Path(path)
         self._folder = None if self.path.suffix == ".mcap" else self.path
-        self.file = self.path if self._folder is None else self.path / f"{self.path.name}_0.mcap"
+        empty = self._folder is not None and self.path.is_dir() and not any(self.path.iterdir())
+        self._aside = beside(real(self.path)) if replaces(self.path) and not empty else None
+        if self._folder is not None:
+            self._folder = self._aside or self.path
+        self.file = (self._aside or self.path) if self._folder is None else self._folder / f"{self.path.name}_0.mcap"
         self._topics: dict[str, _Topic] = {}
         self._schemas: dict[str, int] = {}
         self._counts: dict[str, int] = {}
         self._start_ns, self._end_ns = 2**63 - 1, 0
+        check_claim(self.path)
         try:
-            if self._folder is not None:
+            if self._folder is not None and not is_stream(self.path):
                 self._folder.mkdir(parents=True, exist_ok=True)
                 if any(self._folder.iterdir()):
                     raise BagError(f"expected a new or empty folder for a bag (got {self._folder})")
-            self._stream: IO[bytes] = self.file.open("wb")
+            if is_stream(self.path):
+                self._folder, self.file = None, self.path
+                self._stream: IO[bytes] = open_stream(self.path)
+            else:
+                self._stream = self.file.open("xb" if must_be_new(self.path) else "wb")
+            if self._aside is None:
+                written(self.path)
         except OSError as error:
             raise BagError(f"expected a bag that can be written (got {error})") from error
         self._mcap: Writer | None = Writer(self._stream, chunk_size=chunk_bytes, compression=_COMPRESSION[compression])
@@ -169,6 +193,9 @@ class BagWriter:
             BagError: the disk refuses; the chunks written before can still be read.
 
         """
+        self._close(whole=True)
+
+    def _close(self, *, whole: bool) -> None:
         mcap, self._mcap = self._mcap, None
         if mcap is None:
             return
@@ -182,8 +209,17 @@ class BagWriter:
                 partial = self._folder / "metadata.yaml.partial"
                 partial.write_text(_to_yaml(self._metadata()), encoding="utf-8")
                 partial.replace(self._folder / "metadata.yaml")
+            if self._aside is not None and whole:
+                publish(self._aside, self.path)
+        except FileExistsError as error:
+            raise BagError(
+                f"expected to replace {self.path} (got one that another process has written meanwhile)"
+            ) from error
         except OSError as error:
             raise BagError(f"expected room for a bag at {self.path} (got {error})") from error
+        finally:
+            if self._aside is not None:  # gone already where it has taken its place
+                remove(self._aside)
 
     def __enter__(self) -> BagWriter:
         return self
@@ -192,7 +228,7 @@ class BagWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
-            self.close()
+            self._close(whole=error is None)
         except BagError as closing:
             if error is None:
                 raise

@@ -11,6 +11,7 @@ from typing import TypeVar
 import msgspec
 
 from semloc_core.errors import FileFormatError
+from semloc_core.text import short_repr
 from semloc_core.wire import one_line
 
 MAX_FILE_BYTES = 2 * 2**30
@@ -117,6 +118,7 @@ class Metadata(msgspec.Struct):
     labelspaces: dict[str, list[tuple[int, str | None]] | dict[int, str | None] | None] | None = None
 
 
+@short_repr
 class Document(msgspec.Struct, rename={"header": "SPARK_DSG_header"}):
     """A scene-graph file."""
 

@@ -26,6 +26,7 @@ from semloc_core.sources.hydra.format import (
 )
 from semloc_core.sources.hydra.labels import LabelNames
 from semloc_core.sources.hydra.write import Room
+from semloc_core.text import short_repr
 from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
 
 FRAME_ID = "map"  # Hydra's; the files do not name theirs
@@ -66,6 +67,7 @@ class AgentPose:
         return robot_of(self.id)
 
 
+@short_repr
 @dataclass(frozen=True)
 class HydraFile:
     """What a file holds.

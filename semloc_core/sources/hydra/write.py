@@ -13,6 +13,7 @@ from semloc_core.errors import FileFormatError
 from semloc_core.files import write_whole
 from semloc_core.graph import Labelspace, SceneGraph
 from semloc_core.sources.hydra.format import OBJECT_LABELSPACE
+from semloc_core.text import short_repr
 from semloc_core.wire import Object, Position
 
 OBJECTS, PLACES, ROOMS, BUILDINGS = 2, 3, 4, 5
@@ -22,6 +23,7 @@ BLACK = {"a": 255, "b": 0, "g": 0, "r": 0}
 LARGEST_INDEX = 2**56 - 1
 
 
+@short_repr
 @dataclass(frozen=True)
 class Room:
     """A room: its name, its centre (m), and the ids of its places."""

@@ -7,12 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semloc_core.graph import Floats
-
-TURN_RAD = math.radians(0.5)
-"""Standard deviation of the turn after a metre walked; independent errors add up as variances."""
-SHIFT_M = 0.03
-"""Standard deviation of the shift after a metre walked, metres per axis."""
+from semloc_core.graph import SHIFT_M, TURN_RAD, Floats
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,13 @@ import numpy as np
 
 from semloc_core.errors import ConfigError, GraphError
 from semloc_core.graph import SceneGraph
+from semloc_core.text import short_repr
 from semloc_core.wire import Position
 
 Neighbours = Mapping[str, Mapping[str, float]]
 
 
+@short_repr
 class WalkPoint(NamedTuple):
     """A point of a walk.
 

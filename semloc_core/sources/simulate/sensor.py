@@ -11,6 +11,7 @@ import numpy as np
 
 from semloc_core.graph import SceneGraph
 from semloc_core.sources.simulate.drift import Frame
+from semloc_core.text import short_repr
 from semloc_core.wire import Object, Place, Position
 
 INVENTED_WITHIN_M = 1.5
@@ -28,6 +29,7 @@ class DetectorErrors(msgspec.Struct, frozen=True, kw_only=True):
     place_noise_m: float = 0.0
 
 
+@short_repr
 @dataclass(frozen=True)
 class Perceived:
     """The whole building as this robot would perceive it; it never gets to see what is not in here.
@@ -113,6 +115,7 @@ def _shifted(position: Position, by: np.ndarray[tuple[int], np.dtype[np.float64]
     return x, y, z
 
 
+@short_repr
 @dataclass
 class Delta:
     """What a step adds to and takes from the revealed graph; the building's ids, sorted."""

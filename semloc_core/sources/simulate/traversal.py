@@ -20,6 +20,7 @@ from semloc_core.graph import SceneGraph, ball
 from semloc_core.sources.simulate.drift import Frame
 from semloc_core.sources.simulate.route import WalkPoint, walk_along, walk_to_goals
 from semloc_core.sources.simulate.sensor import Delta, DetectorErrors, Revealed, perceive
+from semloc_core.text import short_repr
 from semloc_core.wire import Odometry, Position, SceneGraphUpdate
 
 _NS_PER_S = 1_000_000_000
@@ -104,6 +105,7 @@ class SimulationConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         return config
 
 
+@short_repr
 class Step(NamedTuple):
     """One update of a simulated run.
 
@@ -157,7 +159,8 @@ def simulate_traversal(
 
     """
     config = SimulationConfig.of(**msgspec.structs.asdict(config))
-    walk_rng, detector_rng, flicker_rng, odometry_rng, drift_rng = rng.spawn(5)
+    walk_rng, detector_rng, flicker_rng, odometry_rng = rng.spawn(4)
+    drift_rng = rng.spawn(1)[0] if config.drift else None
     step_m = config.speed_mps / config.rate_hz
     if agents:
         poses = [pose.position for pose in sorted(agents, key=lambda pose: pose.stamp_ns)]
@@ -172,7 +175,7 @@ def simulate_traversal(
         seconds = seq / config.rate_hz
         if config.duration_s and seconds > config.duration_s:
             return
-        if config.drift:
+        if drift_rng is not None:
             frame = frame.drifted(np.array(point.position), point.travelled - last, drift_rng, config.drift)
             last = point.travelled
         in_range = _in_range(graph, point, config.range_m)

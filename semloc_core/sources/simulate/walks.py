@@ -16,10 +16,15 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from semloc_core.errors import GraphError
-from semloc_core.graph import Floats, GraphArrays, Ints
+from semloc_core.graph import DriftMeter, Floats, GraphArrays, Ints
 from semloc_core.sources.simulate.drift import Frame
+from semloc_core.text import short_repr
 
 Bools = NDArray[np.bool_]
+NEAR_M = 4.0
+"""Objects so near were in range and written anew at a step, as far as a robot's own measure of drift goes."""
+MEASURED = 50
+"""Steps of the walk that this measure looks back at."""
 
 
 class WalkConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -47,6 +52,7 @@ class WalkConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     ] = 0.0
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Written:
     """When what the online graph has was written last, at each of T steps of a walk, and where the frame was then.
@@ -58,6 +64,7 @@ class Written:
         objects: (T, O) the same.
         metres: (S,) walked at each step of the whole walk.
         frames: S, where the run's frame has the building; empty where it is the building's own.
+        here: (S, 3) where the robot truly was, metres.
 
     """
 
@@ -65,6 +72,7 @@ class Written:
     objects: Ints
     metres: Floats
     frames: tuple[Frame, ...]
+    here: Floats
 
     def at(self, steps: Ints) -> Written:
         """Only some of the T steps."""
@@ -80,6 +88,7 @@ class Written:
         return found
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Walk:
     """T steps from place to neighbouring place.
@@ -132,6 +141,24 @@ class Walk:
         ages: Floats = self.metres[step] - self.written.metres[written]
         return ages
 
+    def drift(self, step: int) -> float | None:
+        """How much the frame drifts, as a robot would know at a step (`DriftMeter`)."""
+        if self.written is None or not self.written.frames:
+            return None
+        # What was written at a step of the whole walk is what was in range then.
+        number, meter = int(self.written.places[step, self.places[step]]), DriftMeter()
+        positions = self.graph.object_positions[self.seen_objects[step]]
+        for i in range(max(number - MEASURED, 0), number):
+            before, after = self.written.frames[i], self.written.frames[i + 1]
+            metres = float(self.written.metres[i + 1] - self.written.metres[i])
+            here = self.written.here[i + 1]
+            away = np.linalg.norm((positions - here)[:, :2], axis=1)
+            moved = np.linalg.norm((after.of(positions) - before.of(positions))[:, :2], axis=1)
+            for m, a in zip(moved[away <= NEAR_M].tolist(), away[away <= NEAR_M].tolist(), strict=True):
+                if metres > 0:
+                    meter.add(m, metres, a)
+        return meter.drift
+
     def frame(self, step: int) -> Frame:
         """Where the run's frame has the building, as the robot perceives it, at a step."""
         # The robot's own place is always in range: it is written as the frame then is.
@@ -178,7 +205,7 @@ def walk(graph: GraphArrays, config: WalkConfig, rng: np.random.Generator) -> Wa
         GraphError: no place has a neighbour to walk to.
 
     """
-    way_rng, noise_rng, flicker_rng, drift_rng = rng.spawn(4)
+    way_rng, noise_rng, flicker_rng = rng.spawn(3)
     lengths = graph.edge_lengths()
     n = graph.n_places
     # An edge of no length would vanish from a sparse matrix.
@@ -190,9 +217,13 @@ def walk(graph: GraphArrays, config: WalkConfig, rng: np.random.Generator) -> Wa
     seen_places = np.logical_or.accumulate(in_range, axis=0)
     now, seen_objects = _seen_objects(perceived, in_range, config.flicker_rate, flicker_rng)
     drifts = config.drift > 0
-    frames = _frames(graph.place_positions[places], metres, config.drift, drift_rng) if drifts else ()
+    frames = _frames(graph.place_positions[places], metres, config.drift, rng.spawn(1)[0]) if drifts else ()
     written = Written(
-        _written(in_range, seen_places, drifts), _written(now & seen_objects, seen_objects, drifts), metres, frames
+        _written(in_range, seen_places, drifts),
+        _written(now & seen_objects, seen_objects, drifts),
+        metres,
+        frames,
+        graph.place_positions[places],
     )
     return Walk(perceived, graph.place_positions, places, metres, seen_places, seen_objects, written)
 

@@ -14,6 +14,7 @@ from semloc_core.sources.world.office import (
     write_world,
 )
 from semloc_core.sources.world.second_run import SecondRun
+from semloc_core.sources.world.stacked import draw_stacked, stack
 
 __all__ = [
     "KINDS",
@@ -27,7 +28,9 @@ __all__ = [
     "SecondRun",
     "World",
     "draw_pair",
+    "draw_stacked",
     "make_office",
     "make_world_pair",
+    "stack",
     "write_world",
 ]

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
+from semloc_core.text import short_repr
+
 Point = tuple[float, float]
 
 CORRIDOR = "corridor"
@@ -43,6 +45,7 @@ class Door:
     width: float
 
 
+@short_repr
 @dataclass(frozen=True)
 class FloorPlan:
     """Rooms and the doors between them."""

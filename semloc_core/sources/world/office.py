@@ -15,6 +15,7 @@ from semloc_core.sources.world.floor_plan import CORRIDOR, FloorPlan, RoomKind, 
 from semloc_core.sources.world.furniture import Furniture, Item, furnish
 from semloc_core.sources.world.places import Floats, Ints, largest_component, sample_places, traversability
 from semloc_core.sources.world.second_run import SecondRun, detect
+from semloc_core.text import short_repr
 from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 OFFICE_ROOMS = (
@@ -92,6 +93,7 @@ class OfficeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     labelspace: str = "uhumans2_office"
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class World:
     """A generated building.
@@ -122,8 +124,8 @@ def make_office(config: OfficeConfig, rng: np.random.Generator) -> World:
         ConfigError: the furniture does not fit.
 
     """
-    plan, items = _furnished(config, rng)
-    return _laid_out(config, plan, items, items, rng)
+    plan, items = furnished(config, rng)
+    return laid_out(config, plan, items, items, rng)
 
 
 def make_world_pair(
@@ -140,12 +142,13 @@ def make_world_pair(
         ConfigError: the furniture does not fit.
 
     """
-    plan, items = _furnished(config, rng)
-    mapped = _laid_out(config, plan, items, items, rng)
-    return mapped, _laid_out(config, plan, items, detect(plan, items, run or SecondRun(), rng), rng)
+    plan, items = furnished(config, rng)
+    mapped = laid_out(config, plan, items, items, rng)
+    return mapped, laid_out(config, plan, items, detect(plan, items, run or SecondRun(), rng), rng)
 
 
-def _furnished(config: OfficeConfig, rng: np.random.Generator) -> tuple[FloorPlan, list[Item]]:
+def furnished(config: OfficeConfig, rng: np.random.Generator) -> tuple[FloorPlan, list[Item]]:
+    """A floor plan and what stands on it; ConfigError where that does not fit."""
     plan = corridor_plan(
         config.rooms,
         rng,
@@ -158,7 +161,7 @@ def _furnished(config: OfficeConfig, rng: np.random.Generator) -> tuple[FloorPla
     return plan, furnish(plan, config.furniture, rng)
 
 
-def _laid_out(
+def laid_out(
     config: OfficeConfig, plan: FloorPlan, items: Sequence[Item], seen: Sequence[Item], rng: np.random.Generator
 ) -> World:
     """Places between what stands there (``items``), objects as they were seen."""

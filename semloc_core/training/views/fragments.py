@@ -12,11 +12,13 @@ from semloc_core.encoding import Batch, Extraction, reach_all_batch, union
 from semloc_core.errors import ConfigError, GraphError
 from semloc_core.graph import Floats, GraphArrays
 from semloc_core.sources import WalkConfig, walk
+from semloc_core.text import short_repr
 
 SHORTEST_M = 1.0
 """Least distance walked before a fragment is cut, but for those at the start."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Fragments:
     """Query places, each with what had been seen when the robot stood there.

@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from semloc_core.encoding import Batch, Extraction, extract_all
 from semloc_core.graph import Floats, GraphArrays, Labelspace
+from semloc_core.text import short_repr
 from semloc_core.training.config import PerturbConfig
 from semloc_core.training.split import PARTS, Bools, Part, Split, positive_pairs
 from semloc_core.training.views.fragments import Fragments, draw_fragments
 from semloc_core.training.views.perturb import perturb
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Variant:
     """One perturbed variant of a building, ready for an encoder.

@@ -32,7 +32,7 @@ def test_the_first_lines_say_what_a_robot_is_trusted_to(semloc, home, tmp_path) 
     assert first[0].endswith("1 building, 6 places, 6 objects of 3 classes")
     assert [line.split()[0] for line in first[1:4]] == ["hash", "model", "labelspace"]
     assert len(first[1].split()[1]) == 64
-    for row in (["home", "6", "6"], ["chair", "4"], ["couch", "1"], ["bed", "1"]):
+    for row in (["home", "6", "6", "1"], ["chair", "4"], ["couch", "1"], ["bed", "1"]):
         assert row in lines(told.out), row
     assert not any(word in told.out for word in ("┃", "…", "centres")), "no frame, nothing cut off, no options unasked"
 
@@ -74,7 +74,7 @@ def test_one_is_one_and_a_long_name_does_not_widen_the_table(semloc, write_corri
     map_file = built(semloc, tmp_path, one, more=("--name", "a" * 200))
     told = semloc("map", "info", map_file)
     assert "1 building, 1 place, 1 object of 1 class\n" in told.out
-    assert ["a" * 59 + "…", "1", "1"] in lines(told.out)
+    assert ["a" * 59 + "…", "1", "1", "1"] in lines(told.out)
     assert "y: 1 place added\n" in semloc("map", "add", map_file, one, "--name", "y").out
 
 

@@ -11,11 +11,11 @@ from semloc_core.encoding.encoder import build_encoder
 from semloc_core.encoding.model import Model, embed_graph
 from semloc_core.errors import GraphError
 from semloc_core.evaluate.online.agreement import Agreement
-from semloc_core.evaluate.online.answers import read_maps, steps_at
+from semloc_core.evaluate.online.answers import make_walks, read_maps, steps_at, verdict
 from semloc_core.evaluate.online.fragments import answered, embed_walk, surroundings_along
 from semloc_core.evaluate.online.kidnapped import accepted_share
 from semloc_core.evaluate.online.protocol import evaluate_online
-from semloc_core.evaluate.relocalise import Arena
+from semloc_core.evaluate.relocalise import Arena, make_arena, read_buildings
 from semloc_core.graph.arrays import GraphArrays
 from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.localiser import Localiser
@@ -52,6 +52,30 @@ def stream(walk: Walk, labelspace: Labelspace) -> Iterator[SceneGraphUpdate]:
             removed_nodes=sorted(known_objects - objects),
         )
         known_places, known_objects = places, objects
+
+
+def test_chance_is_how_often_a_place_drawn_at_random_is_right(small_worlds: list[World], tmp_path: Path) -> None:
+    """A success of 0.43 says nothing in a home of which 4 m around the robot are 43 %."""
+    for index, world in enumerate(small_worlds):
+        (tmp_path / f"b{index}").mkdir()
+        for part in ("map", "query"):
+            write_world(tmp_path / f"b{index}" / f"{part}.json", world)
+    rows = evaluate_online(tmp_path, encoders=("rings",), walks=2, scopes_m=(0.0, 5.0), filtered=False, bound=False)
+    chance = {(row["method"], row["home"], row["scope"]): float(row["chance"] or 0) for row in rows}
+    assert len(chance) == 8
+    buildings = read_buildings(tmp_path)
+    arena = make_arena(buildings, buildings[0].map.labelspace)
+    paths = make_walks(arena, WalkConfig(distance_m=5.0), 2, 0)
+    rng = np.random.default_rng(0)
+    for home in ("any", "known"):
+        drawn = []
+        for path in paths:
+            pool = np.flatnonzero((arena.building == path.building) | (home == "any"))
+            best = rng.choice(pool, (1, 20_000))
+            drawn.append(verdict(arena, path, np.array([0]), best, 4.0)[0].mean())
+        assert chance["rings", home, "0m"] == pytest.approx(np.mean(drawn), abs=0.01)
+        assert chance["rings + layout", home, "0m"] == chance["rings", home, "0m"]
+    assert 0 < chance["rings", "any", "0m"] < chance["rings", "known", "0m"] < 1
 
 
 @pytest.mark.parametrize("name", ["rings", "bag_of_words", "paper", "geodesic_attention"])

@@ -13,7 +13,7 @@ from semloc_core.report.replay.thinned import Thinned
 def test_rows_are_those_of_the_replays_own_scoring(tmp_path):
     loaded, _ = one_map(tmp_path)
     results = write_results(tmp_path / "r.mcap", loaded, walk())
-    expected = [{**row, "method": "rings"} for row in score_results(results, ["home"])]
+    expected = [{**row, "method": "rings"} for row in score_results(results, ["home"], chance=loaded.chance)]
     assert read_results(results, loaded).rows == expected
 
 

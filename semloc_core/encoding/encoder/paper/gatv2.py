@@ -13,10 +13,12 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from semloc_core.encoding.encoder.layers import Linear
+from semloc_core.text import short_repr
 
 NEGATIVE_SLOPE = 0.2
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Attention:
     """Attention weights; over all that sends to one target they sum to 1 for each head.

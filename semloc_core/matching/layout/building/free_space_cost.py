@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.config import LayoutConfig
+from semloc_core.text import short_repr
 
 Floats32 = NDArray[np.float32]
 Complex = NDArray[np.complex128]
@@ -24,6 +25,7 @@ FAR_M = 2.7
 """From so far on a place in a wall is no further from the map's free space."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Room:
     """What it costs to know a place somewhere, cell by cell: nothing in the map's free space, more the further off.

@@ -29,6 +29,7 @@ class LayoutPart:
         n_classes: C.
         weights: the probability that each of its objects is still there; None: all surely are.
         config: how far surroundings count.
+        storeys: (m,) of its places; None derives them from the graph.
 
     Attributes:
         positions: (m, 3) the places that are in the map, metres.
@@ -47,8 +48,10 @@ class LayoutPart:
         n_classes: int,
         weights: Floats | None = None,
         config: LayoutConfig | None = None,
+        storeys: Ints | None = None,
     ) -> None:
         self.config = config or LayoutConfig()
+        self.storeys = graph.storeys[rows] if storeys is None else storeys
         self.n_classes = n_classes
         self.positions, self.places = graph.place_positions[rows], graph.place_positions
         known = (graph.object_classes >= 0) & uncrowded(graph.object_positions, self.config.reach_m)
@@ -58,9 +61,16 @@ class LayoutPart:
         self.detected: Floats = self.config.detected * stays[known]
 
     @classmethod
-    def of(cls, graph: GraphArrays, rows: Ints, n_classes: int, weights: Floats | None = None) -> LayoutPart:
+    def of(
+        cls,
+        graph: GraphArrays,
+        rows: Ints,
+        n_classes: int,
+        weights: Floats | None = None,
+        storeys: Ints | None = None,
+    ) -> LayoutPart:
         """The same with all made that a map needs of it: none waits for it."""
-        part = cls(graph, rows, n_classes, weights)
+        part = cls(graph, rows, n_classes, weights, storeys=storeys)
         _ = part.around, part.room, part.cells
         if affordable(len(part), n_classes):
             _ = part.rings

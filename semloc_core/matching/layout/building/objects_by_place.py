@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from semloc_core.graph import Floats, Ints, ranges
 from semloc_core.matching.layout.config import LayoutConfig
+from semloc_core.text import short_repr
 
 Floats32 = NDArray[np.float32]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Around:
     """Objects in reach of M places, by place: 20 bytes for each.

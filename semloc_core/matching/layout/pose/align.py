@@ -23,6 +23,7 @@ from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
 from semloc_core.matching.layout.pose.expected_objects import expected
 from semloc_core.matching.layout.pose.local_map import Complex, There, around_rows
+from semloc_core.text import short_repr
 
 ROUNDS = 4
 """Rounds of expectation–maximisation; they settle in two or three."""
@@ -30,6 +31,7 @@ FAR = 3.0
 """Pairs that are further apart to begin with than so many standard deviations are none."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Aligned:
     """T poses, fitted.
@@ -37,6 +39,7 @@ class Aligned:
     Args:
         heading: (T,) radians: the robot's frame turned by it is parallel to the map's.
         shift: (T, 2) metres from the map's place to the robot.
+        rise: (T,) the same in height.
         explained: (T, n) log-likelihood ratio of each seen object, ≥ 0.
         missing: (T,) log-likelihood lost for mapped objects that should have been seen, ≥ 0.
         walls: (T,) the same for known places where the map has no room, ≥ 0.
@@ -45,6 +48,7 @@ class Aligned:
 
     heading: Floats
     shift: Floats
+    rise: Floats
     explained: Floats
     missing: Floats
     walls: Floats
@@ -75,16 +79,22 @@ def align(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats)
         odds = pairs.odds(turn, shift, config.spread_m)
         total = pairs.by_seen(odds) + 1.0
         turn, shift = fit(pairs, odds / total[pairs.at], anchor)
-    odds = pairs.by_seen(pairs.odds(turn, shift, config.spread_m))[: t * n].reshape(t, n)
+    each = pairs.odds(turn, shift, config.spread_m)
+    odds = pairs.by_seen(each)
+    share = each / (odds + 1.0)[pairs.at]
+    odds = odds[: t * n].reshape(t, n)
     return Aligned(
         np.angle(turn),
         np.stack([shift.real, shift.imag], axis=1),
+        # Places float: by how much the robot's is higher than the map's, the objects that both have say.
+        (share * pairs.above).sum(axis=1) / (share.sum(axis=1) + 1.0),
         np.log1p(odds),
         config.looked * expected(mapped, fragment, there, turn, shift),
         _walls(mapped, fragment, rows, turn, shift),
     )
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Pairs:
     """Pairs of a seen and a mapped object of one class that a pose near its beginning could bring together.

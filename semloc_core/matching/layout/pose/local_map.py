@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.map_layout import MappedLayout
+from semloc_core.text import short_repr
 
 Complex = NDArray[np.complex128]
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class There:
     """Mapped objects around T places: E in all, by place.

@@ -15,6 +15,7 @@ from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
 from semloc_core.matching.layout.pose.refine import refine
 from semloc_core.matching.layout.verifier import Verified
+from semloc_core.text import short_repr
 
 SAME_M, SAME_RAD = 0.75, math.radians(20.0)
 """Aligned poses so near to one another are refined as one."""
@@ -26,6 +27,7 @@ NO_YAW = math.pi**2 / 3
 """Variance of a heading of which nothing is known, rad²."""
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Placed:
     """The robot's frame in a building's.
@@ -99,13 +101,9 @@ def placed(
     if not wanted:
         return {}
     first = next(iter(wanted.values()))
-    rivals = (building == building[first]) & (np.linalg.norm(at - at[first], axis=1) <= MATCH_RADIUS_M)
+    rivals = (building == building[first]) & (((at - at[first]) ** 2).sum(axis=1) <= MATCH_RADIUS_M**2)
     rivals &= tried.score >= tried.score[first] - RIVALLING
-    chosen: list[int] = []
-    for i in [*dict.fromkeys(wanted.values()), *np.flatnonzero(rivals).tolist()]:
-        if len(chosen) < MOST and not any(_same(at, building, tried.heading, i, j) for j in chosen):
-            chosen.append(i)
-    some = np.array(chosen)
+    some = _different([*dict.fromkeys(wanted.values()), *np.flatnonzero(rivals).tolist()], at, building, tried.heading)
     refined = refine(mapped, fragment, tried.rows[some], tried.heading[some], tried.shift[some])
     position = mapped.positions[tried.rows[some]] + refined.shift
     score = refined.score - tried.missing[some] - tried.walls[some]
@@ -135,7 +133,13 @@ def placed(
     return result
 
 
-def _same(at: Floats, building: Ints, heading: Floats, i: int, j: int) -> bool:
-    turned = math.remainder(heading[i] - heading[j], 2 * math.pi)
-    near = bool(np.linalg.norm(at[i] - at[j]) <= SAME_M)
-    return bool(building[i] == building[j]) and near and abs(turned) <= SAME_RAD
+def _different(poses: list[int], at: Floats, building: Ints, heading: Floats) -> Ints:
+    """The first of some aligned poses, `MOST` at most, none like one before it."""
+    left = np.array(list(dict.fromkeys(poses)))
+    chosen: list[int] = []
+    while len(left) and len(chosen) < MOST:
+        chosen.append(int(left[0]))
+        alike = np.cos(heading[left] - heading[left[0]]) >= math.cos(SAME_RAD)
+        alike &= ((at[left] - at[left[0]]) ** 2).sum(axis=1) <= SAME_M**2
+        left = left[~(alike & (building[left] == building[left[0]]))]
+    return np.array(chosen, dtype=np.int64)

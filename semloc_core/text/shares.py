@@ -1,0 +1,29 @@
+"""Shares as a person reads them."""
+
+from __future__ import annotations
+
+WHOLE = 1e-6
+"""What a share may lack of 1 by rounding, where it is a sum of single-precision numbers."""
+
+
+def percent(share: float, digits: int = 0, *, signed: bool = False) -> str:
+    """A share as a percentage, which never says none for what is there nor all for what is not.
+
+    Args:
+        share: 0.25 for a quarter; may be negative or above 1.
+        digits: after the point.
+        signed: with a plus sign, too.
+
+    Returns:
+        ``25%``; ``<1%`` for less than half a percent that is more than nothing (``-<1%`` below zero); ``>99%`` for
+        more than 99.5 % that is less than all.
+
+    """
+    size, step = abs(share), 10.0**-digits
+    sign = "-" if share < 0 else "+" if signed and share > 0 else ""
+    shown = f"{size:.{digits}%}"
+    if size and float(shown[:-1]) == 0:
+        shown = f"<{step:.{digits}f}%"
+    elif size < 1 - WHOLE and float(shown[:-1]) == 100:
+        shown = f">{100 - step:.{digits}f}%"
+    return sign + shown
