@@ -4,7 +4,8 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3.13 python3; do command 
 	$$p -c 'import sys, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
 VENV ?= .venv
 PY := $(VENV)/bin/python
-PIP := $(PY) -m pip --disable-pip-version-check --quiet install --constraint constraints.txt
+# Without PYTHONPATH: where ROS is sourced, pip would warn of what ROS brings along.
+PIP := env -u PYTHONPATH $(PY) -m pip --disable-pip-version-check -qq install --constraint constraints.txt
 OUT ?= out
 
 .DEFAULT_GOAL := help

@@ -38,7 +38,14 @@ class LocaliserConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
             description="attributions per second of message time at most, in Hz; 0 turns them off",
         ),
     ] = 5.0
-    frame_id: Annotated[str, Meta(description="frame_id of what is published: the matched building's frame")] = "map"
+    frame_id: Annotated[
+        str,
+        Meta(
+            min_length=1,
+            description="frame of the matched building, and of what is published: a name, in which {building} stands "
+            "for the building's; map: the building's name where the map holds several",
+        ),
+    ] = "map"
     accept_probability: Annotated[
         float,
         Meta(ge=0.0, le=1.0, description="the status is match from this probability of the best place on"),

@@ -17,7 +17,7 @@ from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
 from semloc_core.encoding import Surroundings
 from semloc_core.explain import EXPLAINER_SEED, LAYOUT, answer_evidence, explain_answer
 from semloc_core.graph import Ages, Labels, Outcome, UpdateStream, Visibility, all_unknown, lacks
-from semloc_core.map_database import LoadedMap
+from semloc_core.map_database import LoadedMap, frame_of
 from semloc_core.matching import (
     CANDIDATES,
     IN_MAP,
@@ -38,7 +38,7 @@ from semloc_core.matching import (
     verifier_of,
 )
 from semloc_core.text import short_repr
-from semloc_core.tracking import MapModel, Tracker
+from semloc_core.tracking import LASTS_M, Hint, MapModel, Tracker
 from semloc_core.wire import (
     ClassAttributions,
     MapInfo,
@@ -89,6 +89,7 @@ class Localiser:
         self._odometry: Odometry | None = None
         self._frame_id = ""
         self._ages = Ages()
+        self._hint: tuple[Hint, float] | None = None
         self._serve(self.map)
 
     def _serve(self, loaded: LoadedMap, filter_model: MapModel | None = None) -> None:
@@ -129,6 +130,22 @@ class Localiser:
     def keep_up(self) -> None:
         """Do what is to be done while nobody asks, too; nothing for a map in memory."""
 
+    def frame_of(self, building: str | None) -> str:
+        """Name of a building's frame; None: of an answer that is in none."""
+        return frame_of(self.config.frame_id, self.map.all_buildings, building)
+
+    def hint(self, hint: Hint | None) -> None:
+        """Put only places near a hint to the test by layout, until the robot has walked on; None: all again.
+
+        What the search by similarity proposes besides, and a filter's belief, stay as they are.
+        """
+        self._hint = None if hint is None else (hint, self._ages.walked)
+
+    @property
+    def odometry(self) -> Odometry | None:
+        """Of the latest update."""
+        return self._odometry
+
     def server(self) -> ServerState | None:
         """How the map's server does; None for a map in memory. Any thread may ask."""
         return None
@@ -165,6 +182,8 @@ class Localiser:
         self.stream, self._seq, self._stamp_ns = other.stream, other._seq, other._stamp_ns
         self._explained_ns, self._odometry, self.labels = other._explained_ns, other._odometry, other.labels
         self._frame_id, self._ages = other._frame_id, other._ages
+        if other.map.hash == self.map.hash:
+            self._hint = other._hint
         if self._tracker is not None and other._tracker is not None and other.map.hash == self.map.hash:
             self._tracker = other._tracker
         self._look_again(other._visibility)
@@ -300,7 +319,20 @@ class Localiser:
         graph = self.stream.graph
         if self._reranker is None or graph is None or query.place is None:
             return None
-        return self._reranker.rank(graph, query.place, everywhere, raw.rows, self.config.top_n, self._ages)
+        only = self._hinted()
+        return self._reranker.rank(graph, query.place, everywhere, raw.rows, self.config.top_n, self._ages, only)
+
+    def _hinted(self) -> NDArray[np.bool_] | None:
+        """(M,) bool, where the robot can be by what somebody said; None: anywhere."""
+        if self._hint is None:
+            return None
+        hint, walked = self._hint
+        since = self._ages.walked - walked
+        if since > LASTS_M:
+            self._hint = None
+            return None
+        allowed = hint.allows(self.map, since)
+        return allowed if allowed.any() else None
 
     def _placed(self, tested: Reranked | None, rows: NDArray[np.int64], filtered: bool) -> Mapping[int, Placed]:
         """Where the frame of the updates lies in the buildings of rows of the map, as far as these were tested."""
@@ -377,7 +409,7 @@ class Localiser:
 
     def evidence(self, located: Located) -> ClassAttributions | None:
         """Say what the decision rests on, exactly; None where nothing was put to the test."""
-        return answer_evidence(located, self.config)
+        return answer_evidence(located)
 
     def explain(self, located: Located) -> ClassAttributions:
         """Say which classes and objects carried an answer, and how well that holds when put to the test.
@@ -405,7 +437,7 @@ class Localiser:
         return PlaceMatches(
             schema="semloc/place_matches/1",
             stamp_ns=query.stamp_ns,
-            frame_id=self.config.frame_id,
+            frame_id=self.frame_of(matches[0].map if matches else None),
             seq=query.seq,
             query_place=query.place,
             status=status,

@@ -31,7 +31,7 @@ setup(
     packages=find_packages(include=[NAME]),
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
-        (f"share/{NAME}", ["package.xml", "LICENSE"]),
+        (f"share/{NAME}", ["package.xml", "LICENSE", "README.md", "CHANGELOG.rst", "QUALITY_DECLARATION.md"]),
         (f"share/{NAME}/launch", files("launch")),
         (f"share/{NAME}/config", files("config")),
         (f"share/{NAME}/rviz", files("rviz")),

@@ -113,6 +113,23 @@ say 'Ctrl-C:' ''
 kill -INT -- "-${pids[1]}" 2>/dev/null || true
 stop "${pids[0]}"
 
+say '## Where the robot is, as tf2 has it' '' \
+    'A robot whose odometry drifts by the usual walks through the office; its updates are in the frame `odom`:' ''
+rm -f "$scratch/office_walked.json"
+semloc world office -o "$scratch/office_walked.json" >/dev/null
+pids=()
+start ros2 launch semloc_ros localiser.launch.py "map:=$map" publish_tf:=true
+wait_node
+show ros2 param set /localiser accept_probability 0.9
+start ros2 run semloc_ros scene_graph_player --ros-args -p "graph:=$scratch/office_walked.json" -p frame_id:=odom -p shared_frame:=true -p drift:=1.0
+wait_topic /localiser/pose
+LINES_SHOWN=16 show timeout 6 ros2 run tf2_ros tf2_echo map odom
+show ros2 topic echo --once --field pose.pose /localiser/pose
+WIDTH=700 show ros2 topic echo --once --full-length --field data /localiser/evidence
+LINES_SHOWN=4 show timeout 8 ros2 topic hz /tf
+kill -INT -- "-${pids[1]}" "-${pids[0]}" 2>/dev/null || true
+sleep 2
+
 if [ -d "$data/hydra" ]; then
     say '## On a real scene graph' '' \
         "A map of Hydra's long run through the uHumans2 apartment (\`hydra/apartment_long.json\` in the folder of real" \

@@ -19,18 +19,12 @@ EXPLAINER_SEED = 0
 """Explainers that sample start from it at every answer: a replay explains as the node did, also from its middle."""
 
 
-def answer_evidence(located: Located, config: LocaliserConfig) -> ClassAttributions | None:
-    """What the decision rests on, exactly; None where nothing was put to the test.
-
-    Args:
-        located: the answer.
-        config: says the frame of the message.
-
-    """
+def answer_evidence(located: Located) -> ClassAttributions | None:
+    """What the decision rests on, exactly; None where nothing was put to the test."""
     if located.evidence is None:
         return None
     said = layout_attributions(located.evidence, located.map.model.labelspace.classes)
-    return _message(located, config, said, said.walls)
+    return _message(located, said, said.walls)
 
 
 def explain_answer(located: Located, config: LocaliserConfig) -> ClassAttributions:
@@ -40,7 +34,7 @@ def explain_answer(located: Located, config: LocaliserConfig) -> ClassAttributio
 
     Args:
         located: the answer.
-        config: says by which explainer, and the frame of the message.
+        config: says by which explainer.
 
     Raises:
         SemlocError: there is nothing to explain: the answer has no match, or was not put to the test that is to
@@ -51,7 +45,7 @@ def explain_answer(located: Located, config: LocaliserConfig) -> ClassAttributio
     if located.best_row is None or query.batch is None or query.encoded is None:
         raise SemlocError(f"expected an answer with a match to explain (got {located.matches.status})")
     if config.explainer == LAYOUT:
-        evidence = answer_evidence(located, config)
+        evidence = answer_evidence(located)
         if evidence is None:
             raise SemlocError("expected an answer that was put to the test by layout (got one that was not)")
         return evidence
@@ -72,17 +66,15 @@ def explain_answer(located: Located, config: LocaliserConfig) -> ClassAttributio
         fidelity=own_fidelity(question, scores),
         completeness_gap=scores.completeness_gap,
     )
-    return _message(located, config, said, scores.unattributed)
+    return _message(located, said, scores.unattributed)
 
 
-def _message(
-    located: Located, config: LocaliserConfig, said: MethodAttributions, unattributed: float | None
-) -> ClassAttributions:
+def _message(located: Located, said: MethodAttributions, unattributed: float | None) -> ClassAttributions:
     query, best = located.query, located.matches.matches[0]
     return ClassAttributions(
         schema="semloc/class_attributions/1",
         stamp_ns=query.stamp_ns,
-        frame_id=config.frame_id,
+        frame_id=located.matches.frame_id,
         seq=query.seq,
         query_place=query.place,
         match_map=best.map,

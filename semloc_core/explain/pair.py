@@ -25,13 +25,12 @@ SEED = 0
 """Explainers that sample start from it at every request, so that the same question has the same answer."""
 
 
-def answer_query(located: Located, request: ExplainRequest, frame_id: str) -> Explanation:
+def answer_query(located: Located, request: ExplainRequest) -> Explanation:
     """Answer a request on an answer: needs no graph, so any process can do it; what can't be said is in ``error``.
 
     Args:
         located: the answer for the place asked about (`semloc_core.localiser.Localiser.ask`).
         request: its place, building and methods count.
-        frame_id: of the message.
 
     """
     try:
@@ -42,13 +41,12 @@ def answer_query(located: Located, request: ExplainRequest, frame_id: str) -> Ex
             methods=request.methods,
             stamp_ns=request.stamp_ns,
             seq=request.seq,
-            frame_id=frame_id,
         )
     except SemlocError as error:
         return Explanation(
             schema="semloc/explanation/1",
             stamp_ns=request.stamp_ns,
-            frame_id=frame_id,
+            frame_id=located.matches.frame_id,
             seq=request.seq,
             query_place=request.query_place,
             match_map=request.map,
@@ -147,7 +145,6 @@ def explain_pair(
     methods: Sequence[str] | None = None,
     stamp_ns: int = 0,
     seq: int = 0,
-    frame_id: str = "map",
     seed: int = SEED,
 ) -> Explanation:
     """Explain a query and a place of the map by several methods, with a counterfactual and a contrast to the top match.
@@ -163,7 +160,6 @@ def explain_pair(
         methods: explainers; None: all, ``layout`` where the answer was put to the test.
         stamp_ns: of the message, nanoseconds.
         seq: of the message.
-        frame_id: of the message.
         seed: of explainers that sample; each starts from it, so that a method says the same whoever is asked beside it.
 
     Raises:
@@ -203,7 +199,7 @@ def explain_pair(
     return Explanation(
         schema="semloc/explanation/1",
         stamp_ns=stamp_ns,
-        frame_id=frame_id,
+        frame_id=located.matches.frame_id,
         seq=seq,
         query_place=query.place,
         match_map=loaded.buildings[int(loaded.building_index[row])],

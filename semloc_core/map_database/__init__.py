@@ -7,6 +7,7 @@ from semloc_core.exports import exports
 if TYPE_CHECKING:
     from semloc_core.map_database.building_patterns import matching_buildings
     from semloc_core.map_database.database import MapDatabase
+    from semloc_core.map_database.frames import frame_of
     from semloc_core.map_database.history import (
         FIRST_SEEN,
         MAX_HISTORY_BYTES,
@@ -49,7 +50,7 @@ __all__ = [
     "MAX_BUILDINGS", "MAX_GRAPH_BYTES", "MAX_HISTORY_BYTES", "MapDatabase", "MapMeta", "Note", "ObjectBelief",
     "PackedGraph", "PlaceRows", "ReadableMap", "StoredBuilding", "Traversal", "Whole", "WritableMap", "assemble",
     "building_digest", "check_hash", "check_in_graph", "check_name", "check_places", "class_weights", "content_hash",
-    "describe", "describe_building", "describe_meta", "describe_storeys", "load", "matching_buildings", "move_rates",
-    "object_weights", "pack_graph", "pack_history", "publish_map", "read", "read_meta", "stored_building",
-    "unpack_graph", "unpack_history",
+    "describe", "describe_building", "describe_meta", "describe_storeys", "frame_of", "load", "matching_buildings",
+    "move_rates", "object_weights", "pack_graph", "pack_history", "publish_map", "read", "read_meta",
+    "stored_building", "unpack_graph", "unpack_history",
 ]  # fmt: skip

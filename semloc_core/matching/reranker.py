@@ -105,6 +105,7 @@ class Reranker:
         raw: Ints,
         top_n: int,
         ages: Ages | None = None,
+        only: NDArray[np.bool_] | None = None,
     ) -> Reranked | None:
         """Test the likeliest places of the map for one place of a graph.
 
@@ -115,6 +116,7 @@ class Reranker:
             raw: rows of the search's answer, best first: they follow what was tested.
             top_n: how many places to list.
             ages: of the graph's objects; None: all are new.
+            only: (M,) bool, the places that the robot can be at; None for all.
 
         Returns:
             The answer; None where no object around the robot fits anything in the map.
@@ -123,7 +125,7 @@ class Reranker:
         verifier = self._verifier
         drift = None if ages is None else ages.drift
         fragment = fragment_of_graph(graph, self._labelspace, place, verifier.config, ages, drift)
-        found = verifier.verify(fragment, similarity)
+        found = verifier.verify(fragment, similarity, only)
         if found is None:
             return None
         sure = confidence(found, fragment, verifier.mapped)
@@ -133,9 +135,9 @@ class Reranker:
         rest = np.array([row for row in raw.tolist() if row not in known], dtype=np.int64)
         # What was not tested is as likely as what was tested near it says, and is listed where that puts it.
         rows = np.concatenate([tested, rest])
-        chances = np.concatenate([sure.probability[order], sure.answers.probability(verifier.mapped, rest)])
+        chances = sure.answers.probability(verifier.mapped, rows)
+        probability = dict(zip(rows.tolist(), chances.tolist(), strict=True))
         rows = rows[np.argsort(-chances, kind="stable")]
-        probability = dict(zip(np.concatenate([tested, rest]).tolist(), chances.tolist(), strict=True))
         shown, separate = rows[:top_n], np.array(modes(tested, self._within), dtype=np.int64)
         return Reranked(Ranking(shown, separate, probability, sure.in_map), found, fragment)
 

@@ -36,7 +36,7 @@ from semloc_core.sources import (
     read_messages,
 )
 from semloc_core.text import short_repr
-from semloc_core.wire import TumWriter, matched_pose, quaternion_of, ros_covariance, yaw_of
+from semloc_core.wire import TumWriter, matched_pose, orientation_of, ros_covariance, yaw_of
 
 logger = logging.getLogger(__name__)
 
@@ -159,7 +159,7 @@ def replay(
             _score(score, matcher.item(answer.matches.stamp_ns, answer.matches))
             if writer is not None:
                 writer.write_string(MATCHES_TOPIC, message.received_ns, wire.encode(answer.matches).decode())
-                if (pose := _pose(answer.matches)) is not None:
+                if (pose := _pose(answer.matches, localiser.odometry)) is not None:
                     writer.write(POSE_TOPIC, POSE_WITH_COVARIANCE, message.received_ns, pose)
                 for name, why in ((ATTRIBUTIONS_TOPIC, answer.attributions), (EVIDENCE_TOPIC, answer.evidence)):
                     if why is not None:
@@ -188,12 +188,12 @@ def _of(topic: str | None) -> str:
     return f" on {topic}" if topic else ""
 
 
-def _pose(matches: wire.PlaceMatches) -> bytes | None:
+def _pose(matches: wire.PlaceMatches, odometry: wire.Odometry | None) -> bytes | None:
     """The pose of a match as a ROS message; None where there is none, or its stamp fits no ROS time."""
     pose = matched_pose(matches)
     if pose is None or not 0 <= matches.stamp_ns < 2**31 * 1_000_000_000:
         return None
-    turn, covariance = quaternion_of(pose.yaw), ros_covariance(pose)
+    turn, covariance = orientation_of(pose, odometry), ros_covariance(pose)
     return encode_pose_with_covariance(matches.stamp_ns, matches.frame_id, pose.position, turn, covariance)
 
 

@@ -38,7 +38,15 @@ if TYPE_CHECKING:
         WithoutClass,
     )
     from semloc_core.wire.name_counter import NameCounter
-    from semloc_core.wire.poses import TumWriter, matched_pose, quaternion_of, ros_covariance, yaw_of
+    from semloc_core.wire.poses import (
+        TumWriter,
+        matched_pose,
+        moved,
+        orientation_of,
+        quaternion_of,
+        ros_covariance,
+        yaw_of,
+    )
 else:
     __getattr__ = exports(__name__)
 
@@ -47,6 +55,6 @@ __all__ = [
     "Explanation", "Fidelity", "Fraction", "Int64", "MAX_BYTES", "MapInfo", "Match", "MethodAttributions", "ModelInfo",
     "Name", "NameCounter", "Object", "ObjectAttribution", "ObjectName", "Odometry", "Place", "PlaceEvidence",
     "PlaceMatches", "Pose", "Position", "SceneGraphUpdate", "Status", "Transform", "TumWriter", "WhyNot",
-    "WithoutClass", "decode", "decode_update", "encode", "matched_pose", "one_line", "quaternion_of", "ros_covariance",
-    "yaw_of",
+    "WithoutClass", "decode", "decode_update", "encode", "matched_pose", "moved", "one_line", "orientation_of",
+    "quaternion_of", "ros_covariance", "yaw_of",
 ]  # fmt: skip

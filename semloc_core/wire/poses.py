@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import IO
 
 from semloc_core.errors import FileFormatError
-from semloc_core.wire.messages import PlaceMatches, Pose, Position
+from semloc_core.wire.messages import Odometry, PlaceMatches, Pose, Position, Transform
 
 Quaternion = tuple[float, float, float, float]
 _OF_ROS = (0, 1, 2, 5)
@@ -27,6 +27,22 @@ def quaternion_of(yaw: float | None) -> Quaternion:
     """The unit quaternion (x, y, z, w) of a heading, radians; no turn where it is not known."""
     half = 0.5 * (yaw or 0.0)
     return 0.0, 0.0, math.sin(half), math.cos(half)
+
+
+def orientation_of(pose: Pose, odometry: Odometry | None) -> Quaternion:
+    """The unit quaternion (x, y, z, w) of a pose: its heading, leaning as the odometry that it comes from says."""
+    if pose.yaw is None or odometry is None:
+        return quaternion_of(pose.yaw)
+    x, y, z, w = odometry.orientation_xyzw
+    _, _, sine, cosine = quaternion_of(pose.yaw - yaw_of(odometry.orientation_xyzw))
+    return cosine * x - sine * y, cosine * y + sine * x, cosine * z + sine * w, cosine * w - sine * z
+
+
+def moved(transform: Transform, position: Position) -> Position:
+    """A position in the frame of the updates, in the building's (m)."""
+    sine, cosine = math.sin(transform.yaw), math.cos(transform.yaw)
+    (x, y, z), (along, across, up) = position, transform.translation
+    return cosine * x - sine * y + along, sine * x + cosine * y + across, z + up
 
 
 def ros_covariance(pose: Pose) -> list[float]:

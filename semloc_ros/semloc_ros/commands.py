@@ -13,8 +13,11 @@
 # limitations under the License.
 """What `ros2 run` starts: each function leaves quietly on a signal that comes while its imports take their time."""
 
+import logging
 import os
 import signal
+import sys
+from typing import NoReturn
 
 
 def _leave_on_signals() -> None:
@@ -23,25 +26,33 @@ def _leave_on_signals() -> None:
         signal.signal(number, lambda *_: os._exit(0))
 
 
-def localiser() -> int:
+def _leave(status: int) -> NoReturn:
+    """Leave without taking the interpreter apart, which takes longer than the node's own end, which came before."""
+    logging.shutdown()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
+
+
+def localiser() -> NoReturn:
     """Run the localiser."""
     _leave_on_signals()
     from semloc_ros.node import main
 
-    return main()
+    _leave(main())
 
 
-def scene_graph_player() -> int:
+def scene_graph_player() -> NoReturn:
     """Run the player."""
     _leave_on_signals()
     from semloc_ros.player import main
 
-    return main()
+    _leave(main())
 
 
-def hydra_bridge() -> int:
+def hydra_bridge() -> NoReturn:
     """Run the bridge."""
     _leave_on_signals()
     from semloc_ros.hydra_bridge import main
 
-    return main()
+    _leave(main())

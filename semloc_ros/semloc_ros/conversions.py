@@ -20,13 +20,14 @@ from collections.abc import Sequence
 import msgspec
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped, Quaternion, TransformStamped, Vector3
 from std_msgs.msg import Header, String
+from tf2_msgs.msg import TFMessage
 
 from semloc_core import wire
-from semloc_core.wire import Position
+from semloc_core.wire import Position, orientation_of, quaternion_of, ros_covariance
 from semloc_ros.diagnostics import Line
-from semloc_ros.pose import Pose
+from semloc_ros.tf import Stamped
 
 NS_PER_S = 1_000_000_000
 
@@ -58,13 +59,30 @@ def matches_string(matches: wire.PlaceMatches, latency_ms: float) -> String:
     return string(msgspec.structs.replace(matches, latency_ms=latency_ms))
 
 
-def pose_msg(pose: Pose, stamp_ns: int, frame_id: str) -> PoseWithCovarianceStamped:
-    """A pose; its orientation is the identity, since the heading can't be observed."""
+def quaternion(orientation_xyzw: Sequence[float]) -> Quaternion:
+    """A unit quaternion (x, y, z, w)."""
+    x, y, z, w = orientation_xyzw
+    return Quaternion(x=float(x), y=float(y), z=float(z), w=float(w))
+
+
+def pose_msg(
+    pose: wire.Pose, odometry: wire.Odometry | None, stamp_ns: int, frame_id: str
+) -> PoseWithCovarianceStamped:
+    """A pose, leaning as the odometry says; where its heading is not known, without a turn."""
     message = PoseWithCovarianceStamped(header=header(stamp_ns, frame_id))
     message.pose.pose.position = point(pose.position)
-    message.pose.pose.orientation.w = 1.0
-    message.pose.covariance = [float(x) for x in pose.covariance.flat]
+    message.pose.pose.orientation = quaternion(orientation_of(pose, odometry))
+    message.pose.covariance = ros_covariance(pose)
     return message
+
+
+def tf_msg(stamped: Stamped) -> TFMessage:
+    """A transform as tf2 takes it."""
+    message = TransformStamped(header=header(stamped.stamp_ns, stamped.parent), child_frame_id=stamped.child)
+    x, y, z = stamped.transform.translation
+    message.transform.translation = Vector3(x=float(x), y=float(y), z=float(z))
+    message.transform.rotation = quaternion(quaternion_of(stamped.transform.yaw))
+    return TFMessage(transforms=[message])
 
 
 def point_stamped(position: Position, stamp_ns: int, frame_id: str) -> PointStamped:

@@ -15,9 +15,10 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -89,11 +90,14 @@ class Diagnostics:
         shift: ClassShift | None,
         state: str,
         stale_after_s: float,
+        failure: str = "",
     ) -> list[Line]:
-        """How things are now."""
+        """How things are now: in this state of the lifecycle, whose last transition failed so."""
         with self._lock:
             last, latencies = self._last, list(self._latency_ms)
         level, message = _localisation(worker, last, state, stale_after_s)
+        if failure:
+            level, message = "error", f"{state}: {failure}"
         counts, stream = worker.counts, worker.stream_counts()
         matches = last.located.matches if last is not None else None
         values = {
@@ -101,6 +105,7 @@ class Diagnostics:
             "status": matches.status if matches is not None else "none",
             "updates received": str(counts.received),
             "updates applied": str(stream["applied"]),
+            "updates missed (their numbers were skipped)": str(counts.missed),
             "updates rejected": str(counts.malformed + stream["rejected"]),
             "updates repeated": str(stream["repeated"]),
             "gaps in the stream": str(stream["gap"]),
@@ -116,23 +121,35 @@ class Diagnostics:
         for percent in (50, 90, 99):
             found = f"{np.percentile(latencies, percent):.1f}" if latencies else "none"
             values[f"latency p{percent} (ms)"] = found
-        lines = [Line("localisation", level, message, values), _map_line(worker), _shift_line(shift, matches)]
+        updates = _updates_line(worker, stale_after_s)
+        lines = [Line("localisation", level, message, values), updates, _map_line(worker), _shift_line(shift, matches)]
         server = worker.localiser.server()
         if server is not None:
             lines.append(Line("map server", "ok" if server.answers else "error", server.line, server.values))
         return lines
 
 
+def not_running(state: str, failure: str) -> Line:
+    """What is said of a node that has no localiser: in which state, and why, where its last transition failed."""
+    if failure:
+        return Line("localisation", "error", f"{state}: {failure}", {"state": state})
+    if state == "configuring":
+        return Line("localisation", "ok", "configuring: the map is being loaded", {"state": state})
+    if state == "unconfigured":
+        return Line("localisation", "warn", "unconfigured: waits for a lifecycle manager", {"state": state})
+    return Line("localisation", "warn", f"{state}: nothing is answered", {"state": state})
+
+
 def _localisation(worker: Worker, last: Answer | None, state: str, stale_after_s: float) -> tuple[Level, str]:
     if state != "active":
         return "ok", f"{state}: updates are applied, nothing is answered"
-    if worker.updated_ns is None:
-        return "stale", "no update has come yet: is anything published on scene_graph?"
-    age_s = (time.monotonic_ns() - worker.updated_ns) / 1e9
-    if age_s > stale_after_s:
-        return "stale", f"stale input: no update for {age_s:.0f} s"
+    level, message = _input(worker, stale_after_s)
+    if level in ("stale", "error"):
+        return level, message
+    if worker.answered_ns is not None and _age_s(worker.answered_ns) > stale_after_s:
+        return "error", f"updates are applied, but none was answered for {_age_s(worker.answered_ns):.0f} s"
     if last is None:
-        return "warn", "updates come, but none of them could be answered"
+        return "warn", "updates come, and the first answer is awaited"
     matches = last.located.matches
     if matches.status == "no_graph" and last.located.query.reason:
         return "error", f"no map: {last.located.query.reason}"
@@ -148,6 +165,37 @@ def _localisation(worker: Worker, last: Answer | None, state: str, stale_after_s
         rivals = [f"{r.map} ({', '.join(f'{x:.1f}' for x in r.position)})" for r in matches.rivals[:3]]
         return "warn", f"ambiguous: {where}" + (f", or {', or '.join(rivals)}" if rivals else "")
     return "ok", f"localised: {where}"
+
+
+def _age_s(since_ns: int | None) -> float:
+    return (time.monotonic_ns() - since_ns) / 1e9 if since_ns is not None else math.inf
+
+
+def _input(worker: Worker, stale_after_s: float) -> tuple[Level, str]:
+    """What becomes of the updates."""
+    if worker.updated_ns is None:
+        return "stale", "no update has come yet: is anything published on scene_graph?"
+    age_s = _age_s(worker.updated_ns)
+    if age_s > stale_after_s:
+        return "stale", f"stale input: no update for {age_s:.0f} s"
+    recent = [(ns, kind) for ns, kind in list(worker.losses) if _age_s(ns) < max(RATE_WINDOW_S, stale_after_s)]
+    losses = Counter(kind for _, kind in recent)
+    lost = ", ".join(f"{count} {kind}" for kind, count in sorted(losses.items()))
+    last = worker.counts.last_rejection
+    lost += f" (the last one: {last})" if last and losses.keys() & {"malformed", "rejected"} else ""
+    lost += "; a mapper that starts again must begin with a full update" if losses["repeated"] else ""
+    age_s = _age_s(worker.applied_ns)
+    if any(kind in ("gap", "waiting") and _age_s(ns) < age_s for ns, kind in recent):
+        return "error", f"no graph: updates were missed, and no full update has come since: {lost}"
+    if lost and age_s > stale_after_s:
+        since = f"for {age_s:.0f} s" if worker.applied_ns is not None else "yet"
+        return "error", f"updates come, but none could be applied {since}: {lost}"
+    return ("warn", f"updates are lost: {lost}") if lost else ("ok", "every update is applied")
+
+
+def _updates_line(worker: Worker, stale_after_s: float) -> Line:
+    level, message = _input(worker, stale_after_s)
+    return Line("updates", level, message)
 
 
 def _map_line(worker: Worker) -> Line:

@@ -27,7 +27,7 @@ import msgspec
 from msgspec import Meta
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
-from std_msgs.msg import String
+from std_msgs.msg import Empty, String
 
 from semloc_core.errors import SemlocError
 from semloc_core.graph import Reading
@@ -65,6 +65,7 @@ class Bridge(Node):
         # Messages are taken in while one is worked on, so that of whole graphs only the latest waits.
         self._there_is_work = self.create_guard_condition(self._work, MutuallyExclusiveCallbackGroup())
         self.create_subscription(message_type, "dsg", self._on_dsg, qos.LATEST)
+        self.create_subscription(Empty, qos.full_request_topic(self), lambda _: self._stream.ask_full(), qos.LATEST)
 
     def _on_dsg(self, message: Any) -> None:
         if message.full_update:

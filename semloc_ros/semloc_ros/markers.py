@@ -16,23 +16,30 @@
 from __future__ import annotations
 
 import colorsys
+import math
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Vector3
+from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from semloc_core.map_database import LoadedMap
-from semloc_core.wire import Match, PlaceMatches, Position
-from semloc_ros.conversions import header, point
+from semloc_core.wire import Match, PlaceMatches, Position, quaternion_of
+from semloc_ros.conversions import header, point, quaternion
 
 PLACE_M = 0.15
 OBJECT_M = 0.35
 MATCH_M = 0.6
 TEXT_M = 0.35
+ROBOT_M = 0.9
+SEEN_M = 0.25
+LINE_M = 0.04
+ELLIPSE = math.sqrt(-2 * math.log(0.05))
+"""Half an axis of the ellipse that holds 95 of 100, in standard deviations (two dimensions)."""
 GREY = ColorRGBA(r=0.6, g=0.6, b=0.6, a=0.7)
 WHITE = ColorRGBA(r=1.0, g=1.0, b=1.0, a=0.9)
 QUERY = ColorRGBA(r=0.0, g=0.45, b=0.7, a=1.0)
@@ -83,11 +90,19 @@ def delete_all() -> MarkerArray:
     return MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
 
 
-def match_markers(answer: PlaceMatches, top_n: int) -> MarkerArray:
-    """The top matches with their probability, the sure ones green, the unsure ones red; numbered by rank."""
+def match_markers(answer: PlaceMatches, top_n: int, frame_of: Callable[[str], str]) -> MarkerArray:
+    """The top matches with their probability, the sure ones green, the unsure ones red; numbered by rank.
+
+    Args:
+        answer: the answer.
+        top_n: matches that an answer may list.
+        frame_of: gives a building's frame.
+
+    """
     head = header(answer.stamp_ns, answer.frame_id)
     shown = MarkerArray()
     for match in answer.matches:
+        head = header(answer.stamp_ns, frame_of(match.map))
         ball = _marker(head, "matches", match.rank, Marker.SPHERE, match.position, MATCH_M)
         ball.color = _between_red_and_green(match.probability, 0.95 if match.rank == 1 else 0.6)
         text = _marker(head, "probabilities", match.rank, Marker.TEXT_VIEW_FACING, _above(match.position), TEXT_M)
@@ -106,6 +121,60 @@ def query_markers(answer: PlaceMatches, around: Surroundings | None) -> MarkerAr
     cube = _marker(head, "query", 0, Marker.CUBE, around.position, MATCH_M)
     cube.color = QUERY
     return MarkerArray(markers=[cube])
+
+
+def robot_markers(pose: PoseWithCovarianceStamped, yaw_known: bool) -> MarkerArray:
+    """The robot as an arrow, a ball where its heading is not known, on the ellipse that holds it 95 times in 100."""
+    head, at = pose.header, pose.pose.pose
+    here = (at.position.x, at.position.y, at.position.z)
+    robot = _marker(head, "robot", 0, Marker.ARROW if yaw_known else Marker.SPHERE, here, ROBOT_M / 2)
+    robot.pose, robot.color = at, QUERY
+    if yaw_known:
+        robot.scale = Vector3(x=ROBOT_M, y=ROBOT_M / 6, z=ROBOT_M / 6)
+    variance, axes = np.linalg.eigh(np.reshape(pose.pose.covariance, (6, 6))[:2, :2])
+    lengths = np.maximum(2 * ELLIPSE * np.sqrt(np.maximum(variance, 0)), 0.01)
+    ellipse = _marker(head, "robot", 1, Marker.CYLINDER, here, 0.02)
+    ellipse.pose.orientation = quaternion(quaternion_of(math.atan2(axes[1, 1], axes[0, 1])))
+    ellipse.scale = Vector3(x=float(lengths[1]), y=float(lengths[0]), z=0.02)
+    ellipse.color = ColorRGBA(r=QUERY.r, g=QUERY.g, b=QUERY.b, a=0.3)
+    return MarkerArray(markers=[robot, ellipse])
+
+
+def no_robot(head: Header) -> MarkerArray:
+    """Deletes what `robot_markers` and `laid_markers` drew."""
+    return MarkerArray(
+        markers=[_deletion(head, name, i) for name, i in (("robot", 0), ("robot", 1), ("seen", 0), ("explained", 0))]
+    )
+
+
+@dataclass(frozen=True)
+class Laid:
+    """An object that the robot sees, laid on the map.
+
+    Args:
+        position: in the building's frame, metres.
+        colour: of its class.
+        mapped: where the mapped object that explains it is, metres; None where none does.
+
+    """
+
+    position: Position
+    colour: ColorRGBA
+    mapped: Position | None
+
+
+def laid_markers(head: Header, objects: Sequence[Laid]) -> MarkerArray:
+    """Seen objects on the map, each joined to what it was matched with."""
+    seen = _marker(head, "seen", 0, Marker.SPHERE_LIST, (0.0, 0.0, 0.0), SEEN_M)
+    joined = _marker(head, "explained", 0, Marker.LINE_LIST, (0.0, 0.0, 0.0), LINE_M)
+    joined.color = WHITE
+    for item in objects:
+        seen.points.append(point(item.position))
+        seen.colors.append(item.colour)
+        if item.mapped is not None:
+            joined.points += [point(item.position), point(item.mapped)]
+    # A list without points is refused by those who draw.
+    return MarkerArray(markers=[m if m.points else _deletion(head, m.ns, m.id) for m in (seen, joined)])
 
 
 def attribution_markers(
@@ -133,11 +202,11 @@ def attribution_markers(
     return shown
 
 
-def map_markers(loaded: LoadedMap, frame_id: str, stamp: Time) -> MarkerArray:
-    """The map: all places, objects by class, names of buildings; what was drawn before is cleared."""
-    head = Header(stamp=stamp, frame_id=frame_id)
+def map_markers(loaded: LoadedMap, frame_of: Callable[[str], str], stamp: Time) -> MarkerArray:
+    """The map: all places, objects by class, names of buildings, each in its own frame; what was drawn is cleared."""
     shown = delete_all()
     for building in loaded.buildings:
+        head = Header(stamp=stamp, frame_id=frame_of(building))
         rows = loaded.rows_of(building)
         places = _marker(head, f"places of {building}", 0, Marker.SPHERE_LIST, (0.0, 0.0, 0.0), PLACE_M)
         places.points = [point(tuple(p)) for p in loaded.positions[rows].tolist()]

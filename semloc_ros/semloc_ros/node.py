@@ -15,21 +15,28 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import sys
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future, TimeoutError
 from typing import Any
 
 import torch
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import InvalidHandle
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from std_msgs.msg import String
+from rclpy.timer import Timer
+from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger
 
 from semloc_core import wire
@@ -38,36 +45,68 @@ from semloc_core.errors import ConfigError, SemlocError
 from semloc_core.fleet import open_localiser
 from semloc_core.localiser import Localiser
 from semloc_ros import conversions, qos
+from semloc_ros.diagnostics import not_running
 from semloc_ros.parameters import READ_ONLY, NodeConfig, declare, read
 from semloc_ros.publishing import Publishing
 from semloc_ros.running import run
 from semloc_ros.session import Session
+from semloc_ros.tf import PERIOD_S
 
 DIAGNOSTICS_PERIOD_S = 1.0
+ASKED_EVERY_S = 1.0
+"""While only a full update can help, it is asked for so often at most."""
 EXPLAIN_TIMEOUT_S = 120.0
 LISTED = 100
 """Buildings that are logged at most."""
 
-Transition = Callable[[Any, LifecycleState], None]
+RETRY_S = (1.0, 30.0)
+"""After a start that failed it is tried again so soon, then after twice as long each time, up to so late."""
+GOALS = {"configure": "inactive", "activate": "active", "deactivate": "inactive", "cleanup": "unconfigured"}
+"""Where a transition leads; all others lead to ``finalized``, or back to ``unconfigured`` after an error."""
+
+Step = Callable[[Any, LifecycleState], None]
 
 
-def transition(
-    step: Transition,
-) -> Callable[[LocaliserNode, LifecycleState], TransitionCallbackReturn]:
+def transition(step: Step) -> Callable[[LocaliserNode, LifecycleState], TransitionCallbackReturn]:
     """Make a lifecycle callback of a step: rclpy swallows what it raises, so it is logged here, and a failure."""
+    name = step.__name__.removeprefix("on_")
 
     @functools.wraps(step)
     def callback(self: LocaliserNode, state: LifecycleState) -> TransitionCallbackReturn:
-        name = step.__name__.removeprefix("on_")
+        self._failure = ""
         try:
             step(self, state)
         except Exception as error:
-            kind = "" if isinstance(error, SemlocError) else f"{type(error).__name__}: "
-            self.get_logger().error(f"{name} failed: {kind}{error}")
+            self._failure = f"{name} failed: {_line(error)}"
+            self.get_logger().error(self._failure)
             if name == "configure":
                 self.free()
             return TransitionCallbackReturn.FAILURE
+        self.get_logger().info(f"{name}: {state.label} -> {GOALS.get(name, 'finalized')}")
         return TransitionCallbackReturn.SUCCESS
+
+    return callback
+
+
+Answering = Callable[[Any, Session], tuple[bool, str]]
+
+
+def served(answer: Answering) -> Callable[[LocaliserNode, Trigger.Request, Trigger.Response], Trigger.Response]:
+    """Make a service of what answers it: whatever it raises, or whatever state the node is in, is an answer too."""
+
+    @functools.wraps(answer)
+    def callback(self: LocaliserNode, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        session = self._session
+        if session is None:
+            response.success, response.message = False, "expected a configured localiser (got an unconfigured one)"
+            return response
+        try:
+            response.success, response.message = answer(self, session)
+        except Exception as error:
+            response.success, response.message = False, _line(error)
+            if not isinstance(error, SemlocError):
+                self.get_logger().error(f"{answer.__name__.removeprefix('_on_')} failed: {response.message}")
+        return response
 
     return callback
 
@@ -80,24 +119,95 @@ class LocaliserNode(LifecycleNode):
         declare(self, NodeConfig, READ_ONLY)
         declare(self, LocaliserConfig)
         read(self, NodeConfig), read(self, LocaliserConfig)  # refuses what a range can't say, such as an unknown name
-        self._session: Session | None = None
+        self._session: Session | None = None  # what configure made
+        self._failure = ""  # why the last transition failed, if it did
+        self._self_started = False
+        self._retry: Timer | None = None
+        self._retry_s = RETRY_S[0]
         self._entities: list[Callable[[], object]] = []
         self._map_lock = threading.Lock()
         self._prepared: Localiser | None = None
         # Parameters and transitions use the default group, so that loading a map there holds up nothing else.
-        self._update_group, self._question_group, self._timer_group = (
-            MutuallyExclusiveCallbackGroup() for _ in range(3)
+        self._update_group, self._question_group, self._timer_group, self._tf_group = (
+            MutuallyExclusiveCallbackGroup() for _ in range(4)
         )
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)  # a simulated clock may stand still
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._take_parameters)
+        self._change_state = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
+        # These live as long as the node: who asks an unconfigured one is told so, and an answer that comes after
+        # a cleanup still finds its service (rclpy ends a node whose service is gone when it answers).
+        serve = functools.partial(self.create_service, Trigger, callback_group=self._question_group)
+        serve("~/explain", self._on_explain)
+        serve("~/reset", self._on_reset)
+        serve("~/reload_map", self._on_reload)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", qos.LATEST)
+        self._full_requests = self.create_publisher(Empty, qos.full_request_topic(self), qos.LATEST)
+        self._asked = -ASKED_EVERY_S
+        self.create_timer(DIAGNOSTICS_PERIOD_S, self._on_timer, callback_group=self._timer_group, clock=self._steady)
+
+    @property
+    def state(self) -> str:
+        """The lifecycle's: unconfigured, inactive, active, finalized, or the name of a transition."""
+        return str(self._state_machine.current_state[1])
+
+    def begin(self) -> None:
+        """Have the executor call `start`, so that a map that takes long to load holds up nothing else."""
+        self._start_after(0.0)
 
     def start(self) -> None:
-        """Configure and activate, if ``autostart`` says so."""
-        if not self.get_parameter("autostart").value:
+        """Configure and activate, if ``autostart`` says so; where that fails, it is tried again later.
+
+        Raises:
+            ConfigError: it failed, and ``exit_on_failure`` says that it is not tried again.
+
+        """
+        if self._retry is not None:
+            self.destroy_timer(self._retry)
+            self._retry = None
+        if not self.get_parameter("autostart").value or self.state not in ("unconfigured", "inactive"):
             return
-        if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
+        if self.state == "unconfigured":
+            self.trigger_configure()
+        if self.state == "inactive":
             self.trigger_activate()
+        if not self._failure:
+            self._self_started = self.state == "active"
+        elif self.get_parameter("exit_on_failure").value:
+            raise ConfigError(self._failure)
+        else:
+            self.get_logger().warning(f"not started: tried again in {self._retry_s:.0f} s")
+            self._start_after(self._retry_s)
+            self._retry_s = min(2 * self._retry_s, RETRY_S[1])
+
+    def _start_after(self, seconds: float) -> None:
+        self._retry = self.create_timer(seconds, self.start, clock=self._steady)  # the group of transitions
+
+    def _on_change_state(self, request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
+        """Refuse a transition that the state does not allow: left to rclpy, it would end the node (rclpy#1209)."""
+        wanted, state = request.transition, self.state
+        name = wanted.label or str(wanted.id)
+        possible = {item[1] if wanted.label else str(item[0]) for item in self._state_machine.available_transitions}
+        if name in possible:
+            self._taken_over()
+            return self._change_state(request, response)
+        if self._self_started and name in ("configure", str(Transition.TRANSITION_CONFIGURE)):
+            # A manager's first configure: it expects an inactive node, and activates it next.
+            self._taken_over()
+            self.get_logger().info("a lifecycle manager takes over from autostart: inactive until it activates")
+            response.success = state == "inactive" or self.trigger_deactivate() == TransitionCallbackReturn.SUCCESS
+            return response
+        self.get_logger().warning(f"transition {name} refused: expected one that {state} allows ({_listed(possible)})")
+        response.success = False
+        return response
+
+    def _taken_over(self) -> None:
+        """Leave transitions to who asks for them."""
+        self._self_started = False
+        if self._retry is not None:
+            self.destroy_timer(self._retry)
+            self._retry = None
 
     # -- lifecycle --------------------------------------------------------------------------------------------
 
@@ -106,7 +216,7 @@ class LocaliserNode(LifecycleNode):
         """Load the map, make publishers, threads and subscriptions; updates are applied from now on."""
         config, options = read(self, NodeConfig), read(self, LocaliserConfig)
         localiser = self._open(config.map, options, wait=True)
-        self._session = Session(localiser, config, Publishing(self), self._log_rejected)
+        self._session = Session(localiser, config, Publishing(self), self._on_lost)
         self._make_entities()
         super().on_configure(state)
         if localiser.map_info is None:
@@ -166,24 +276,18 @@ class LocaliserNode(LifecycleNode):
             return entity
 
         subscribe = functools.partial(keep, self.create_subscription, self.destroy_subscription, String)
-        serve = functools.partial(keep, self.create_service, self.destroy_service, Trigger)
         subscribe("scene_graph", self._on_update, qos.UPDATES, callback_group=self._update_group)
         subscribe("~/explain_request", self._on_request, qos.ANSWERS, callback_group=self._question_group)
-        serve("~/explain", self._on_explain, callback_group=self._question_group)
-        serve("~/reset", self._on_reset, callback_group=self._question_group)
-        serve("~/reload_map", self._on_reload, callback_group=self._question_group)
-        # Not managed by the lifecycle: that a node is inactive is worth knowing too.
-        self._diagnostics = keep(
-            self.create_publisher, self.destroy_publisher, DiagnosticArray, "/diagnostics", qos.LATEST
-        )
         keep(
-            self.create_timer,
-            self.destroy_timer,
-            DIAGNOSTICS_PERIOD_S,
-            self._on_timer,
-            callback_group=self._timer_group,
-            clock=self._steady,
+            self.create_subscription,
+            self.destroy_subscription,
+            PoseWithCovarianceStamped,
+            "initialpose",
+            self._on_hint,
+            qos.LATEST,
+            callback_group=self._question_group,
         )
+        keep(self.create_timer, self.destroy_timer, PERIOD_S, self._on_tf_timer, callback_group=self._tf_group)
 
     # -- topics ------------------------------------------------------------------------------------------------
 
@@ -211,56 +315,68 @@ class LocaliserNode(LifecycleNode):
         else:
             session.publish_explanation(future.result())
 
-    def _log_rejected(self, line: str) -> None:
-        self.get_logger().warning(f"update rejected: {line}", throttle_duration_sec=1.0)
+    def _on_lost(self, line: str, full_needed: bool) -> None:
+        self.get_logger().warning(line, throttle_duration_sec=1.0)
+        now = time.monotonic()
+        if full_needed and now >= self._asked + ASKED_EVERY_S:
+            self._asked = now
+            self._full_requests.publish(Empty())
 
-    def _on_timer(self) -> None:
+    def _on_hint(self, message: PoseWithCovarianceStamped) -> None:
         session = self._session
         if session is None:
             return
-        state = "active" if session.worker.answering else "inactive"
         try:
-            lines, stamp = session.lines(state), self.get_clock().now().to_msg()
-            session.draw_changes(stamp)
+            refused = session.hint(message)
+        except Exception as error:  # a hint that can't be taken ends nothing
+            refused = _line(error)
+        if refused:
+            self.get_logger().warning(f"initialpose not taken as a hint: {refused}")
+
+    def _on_timer(self) -> None:
+        session, state, stamp = self._session, self.state, self.get_clock().now().to_msg()
+        try:
+            lines = [not_running(state, self._failure)] if session is None else session.lines(state, self._failure)
+            if session is not None:
+                session.draw_changes(stamp)
         except Exception as error:  # what watches the localiser must not end it
             self.get_logger().error(f"diagnostics failed: {type(error).__name__}: {error}", throttle_duration_sec=60.0)
             return
         self._diagnostics.publish(conversions.diagnostics_msg(lines, self.get_fully_qualified_name(), stamp))
 
+    def _on_tf_timer(self) -> None:
+        session = self._session
+        if session is not None:
+            with contextlib.suppress(InvalidHandle):  # cleaned up meanwhile; drawing a map may not hold this up
+                session.send_again()
+
     # -- services ----------------------------------------------------------------------------------------------
 
-    def _on_explain(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        session = self._session
-        if session is None or not session.worker.answering:
-            return _refused(response, "expected an active localiser (got an inactive one)")
+    @served
+    def _on_explain(self, session: Session) -> tuple[bool, str]:
+        if not session.worker.answering:
+            return False, "expected an active localiser (got an inactive one)"
         try:
-            response.message = session.ask(None).result(EXPLAIN_TIMEOUT_S)
-            response.success = wire.decode(response.message, wire.Explanation).error is None
-        except (SemlocError, TimeoutError) as error:
-            return _refused(response, str(error) or f"no explanation within {EXPLAIN_TIMEOUT_S:.0f} s")
-        return response
+            text = session.ask(None).result(EXPLAIN_TIMEOUT_S)
+        except TimeoutError:
+            return False, f"no explanation within {EXPLAIN_TIMEOUT_S:.0f} s"
+        return wire.decode(text, wire.Explanation).error is None, text
 
-    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        session = self._session
-        if session is None:
-            return _refused(response, "expected a configured localiser (got an unconfigured one)")
+    @served
+    def _on_reset(self, session: Session) -> tuple[bool, str]:
         session.reset()
-        response.success, response.message = True, "the graph is forgotten until the next full update"
-        return response
+        return True, "the graph is forgotten until the next full update"
 
-    def _on_reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        session = self._session
-        if session is None:
-            return _refused(response, "expected a configured localiser (got an unconfigured one)")
+    @served
+    def _on_reload(self, session: Session) -> tuple[bool, str]:
         try:
             with self._map_lock:
                 localiser = self._open(session.config.map, session.worker.localiser.config)
                 session.replace(localiser, self.get_clock().now().to_msg())
         except SemlocError as error:
             self.get_logger().error(f"map not reloaded, the old one serves on: {error}")
-            return _refused(response, str(error))
-        response.success, response.message = True, _told(localiser)
-        return response
+            raise
+        return True, _told(localiser)
 
     # -- parameters --------------------------------------------------------------------------------------------
 
@@ -273,8 +389,8 @@ class LocaliserNode(LifecycleNode):
             if unused is not None:  # what another callback refused
                 unused.close()
             self._prepared = self._prepare(config, options)
-        except SemlocError as error:
-            return SetParametersResult(successful=False, reason=str(error))
+        except Exception as error:  # rclpy would end the node
+            return SetParametersResult(successful=False, reason=_line(error))
         return SetParametersResult(successful=True)
 
     def _prepare(self, config: NodeConfig, options: LocaliserConfig) -> Localiser | None:
@@ -294,8 +410,12 @@ class LocaliserNode(LifecycleNode):
             return
         session.configure(read(self, NodeConfig))
         if prepared is not None:
-            with self._map_lock:
-                session.replace(prepared, self.get_clock().now().to_msg())
+            try:
+                with self._map_lock:
+                    session.replace(prepared, self.get_clock().now().to_msg())
+            except SemlocError as error:  # it was stopped meanwhile
+                self.get_logger().warning(f"not served: {error}")
+                return
             self.get_logger().info(f"serving {_told(prepared)}")
 
     def _open(self, map_: str, options: LocaliserConfig, wait: bool = False) -> Localiser:
@@ -312,15 +432,19 @@ def _told(localiser: Localiser) -> str:
     return f"map {info.name} {info.hash[:12]}: {info.places} places"
 
 
-def _refused(response: Trigger.Response, line: str) -> Trigger.Response:
-    response.success, response.message = False, line
-    return response
+def _line(error: Exception) -> str:
+    """What went wrong, in a line; of what is no error of ours also its kind."""
+    return str(error) if isinstance(error, SemlocError) else f"{type(error).__name__}: {error}"
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(sorted(names)) or "none"
 
 
 def main() -> int:
     """Run the node until SIGINT or SIGTERM."""
     torch.set_num_threads(1)  # the same figures on every machine, and cores left for the robot
-    return run(LocaliserNode, LocaliserNode.start, LocaliserNode.stop, LocaliserNode.free)
+    return run(LocaliserNode, LocaliserNode.begin, LocaliserNode.stop, LocaliserNode.free)
 
 
 if __name__ == "__main__":

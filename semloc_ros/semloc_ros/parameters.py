@@ -39,6 +39,10 @@ class NodeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     autostart: Annotated[
         bool, Meta(description="configure and activate by itself, for those who have no lifecycle manager")
     ] = True
+    exit_on_failure: Annotated[
+        bool,
+        Meta(description="where autostart fails, end with status 1 instead of trying again, so that others see it"),
+    ] = False
     stale_after_s: Annotated[
         float,
         Meta(ge=0.1, le=3600.0, description="without an update for so long the input is reported as stale, in s"),
@@ -51,13 +55,21 @@ class NodeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             description="an explainer that takes longer is not waited for: attention answers, in s",
         ),
     ] = 1.0
+    publish_tf: Annotated[
+        bool,
+        Meta(description="send the transform from frame_id to the frame that updates name, as REP-105 has it"),
+    ] = False
+    transform_tolerance: Annotated[
+        float,
+        Meta(ge=0.0, le=60.0, description="how far ahead that transform is stamped, as AMCL does it, in s"),
+    ] = 1.0
     initialpose_after: Annotated[
         int,
         Meta(ge=0, le=1000, description="publish initialpose (for AMCL) after so many consistent matches; 0: never"),
     ] = 0
 
 
-READ_ONLY = frozenset({"autostart"})
+READ_ONLY = frozenset({"autostart", "exit_on_failure"})
 """Parameters that mean nothing once the node runs."""
 
 

@@ -25,10 +25,10 @@ import numpy as np
 from geometry_msgs.msg import PointStamped
 from msgspec import Meta
 from rclpy.node import Node
-from std_msgs.msg import String
+from std_msgs.msg import Empty, String
 
 from semloc_core.errors import FileFormatError
-from semloc_core.graph import Reading
+from semloc_core.graph import Reading, SceneGraph
 from semloc_core.sources import (
     GROUND_TRUTH_TOPIC,
     SCENE_GRAPH_TOPIC,
@@ -74,6 +74,9 @@ class Player(Node):
         self._file = self._read_file()
         self._updates = self.create_publisher(String, SCENE_GRAPH_TOPIC.lstrip("/"), qos.UPDATES)
         self._truth = self.create_publisher(PointStamped, GROUND_TRUTH_TOPIC.lstrip("/"), qos.ANSWERS)
+        self.create_subscription(Empty, qos.full_request_topic(self), self._on_full_request, qos.LATEST)
+        self._full_asked = False
+        self._seen = SceneGraph()
         self._steps: Iterator[Step] | None = None
         self._timer = self.create_timer(1.0 / self._simulation.rate_hz, self._on_timer)
 
@@ -98,6 +101,9 @@ class Player(Node):
             if not self._config.loop:
                 return
 
+    def _on_full_request(self, _: Empty) -> None:
+        self._full_asked = True
+
     def _on_timer(self) -> None:
         if self._steps is None:
             if self._updates.get_subscription_count() < self._config.wait_for_subscribers:
@@ -109,6 +115,11 @@ class Player(Node):
             self._timer.cancel()
             return
         update = step.update
+        self._seen.apply(update)
+        if self._full_asked and not update.full:
+            whole = self._seen.to_update(update.seq, update.stamp_ns, update.frame_id, update.query_place)
+            update = msgspec.structs.replace(whole, odometry=update.odometry)
+        self._full_asked = False
         self._updates.publish(conversions.string(update))
         self._truth.publish(conversions.point_stamped(step.position, update.stamp_ns, update.frame_id))
 

@@ -16,51 +16,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from semloc_core.wire import PlaceMatches, Position
-
-PLACE_STD_M = 0.5
-"""A place stands for the free space around it: no match says more than this, per axis."""
-YAW_VARIANCE = math.pi**2 / 3
-"""Of a heading that can't be observed: uniform over a full turn, rad²."""
-TILT_VARIANCE = 1e-4
-"""Roll and pitch of a robot on a level floor, rad²; not zero, so that the matrix can be inverted."""
-
-
-@dataclass(frozen=True, eq=False)
-class Pose:
-    """Where the robot is.
-
-    Args:
-        position: metres, in the matched building's frame.
-        covariance: (6, 6) float64 over x, y, z (m²), roll, pitch, yaw (rad²).
-
-    """
-
-    position: Position
-    covariance: NDArray[np.float64]
-
-
-def pose_of(answer: PlaceMatches) -> Pose | None:
-    """The pose that an answer gives; None unless its status is ``match``.
-
-    The position is the best match's. Its covariance is the second moment, about this position, of the matches in
-    the same building, each weighted by its probability, plus what a place itself leaves open.
-    """
-    if answer.status != "match" or not answer.matches:
-        return None
-    best = answer.matches[0]
-    near = [match for match in answer.matches if match.map == best.map]
-    weights = np.array([match.probability for match in near])
-    offsets = np.array([match.position for match in near]) - np.array(best.position)
-    covariance = np.diag([PLACE_STD_M**2] * 3 + [TILT_VARIANCE, TILT_VARIANCE, YAW_VARIANCE])
-    if weights.sum() > 0:
-        covariance[:3, :3] += np.einsum("n,ni,nj->ij", weights / weights.sum(), offsets, offsets)
-    return Pose(best.position, covariance)
+from semloc_core.wire import PlaceMatches, matched_pose
 
 
 class Consistency:
@@ -97,3 +54,53 @@ class Consistency:
             and before.map == best.map
             and math.dist(before.position, best.position) <= self._radius_m
         )
+
+
+ANSWER_S = 2.0
+"""AMCL, where there is one, is told again after so long without an answer."""
+
+
+class Seeding:
+    """Says when AMCL is to be told where the robot is: once matches agree, and until somebody has heard it.
+
+    Args:
+        radius_m: the matching radius, metres.
+
+    """
+
+    def __init__(self, radius_m: float) -> None:
+        self._consistency = Consistency(radius_m)
+        self._agreeing = 0
+        self._told_s: float | None = None
+        self._answered = False
+        self._listeners = 0
+
+    def add(self, answer: PlaceMatches) -> bool:
+        """Take an answer in; whether its pose can be told: it is a match's, and has a heading."""
+        self._agreeing = self._consistency.add(answer)
+        if self._agreeing <= 1:  # lost meanwhile, or somewhere else
+            self._told_s, self._answered = None, False
+        pose = matched_pose(answer)
+        return pose is not None and pose.yaw is not None
+
+    def answered(self) -> None:
+        """AMCL has said where it believes the robot to be."""
+        self._answered = self._told_s is not None
+
+    def due(self, after: int, listeners: int, amcl: bool, now_s: float) -> bool:
+        """Whether it is to be told now.
+
+        Args:
+            after: so many matches have to agree; 0: never.
+            listeners: how many listen.
+            amcl: whether there is an AMCL that could answer.
+            now_s: by a clock that never jumps.
+
+        """
+        came, self._listeners = listeners > self._listeners, listeners
+        if not after or self._agreeing < after or self._answered:
+            return False
+        if self._told_s is not None and not came and not (amcl and now_s - self._told_s >= ANSWER_S):
+            return False
+        self._told_s = now_s
+        return True

@@ -13,6 +13,7 @@
 # limitations under the License.
 """Every quality of service that the package uses, by what it is for."""
 
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 UPDATES = QoSProfile(
@@ -46,3 +47,16 @@ LATEST = QoSProfile(
     depth=10,
 )
 """What only the latest of matters: markers, diagnostics."""
+
+TRANSFORMS = QoSProfile(
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+    history=HistoryPolicy.KEEP_LAST,
+    depth=100,
+)
+"""As tf2's own broadcaster sends them."""
+
+
+def full_request_topic(node: Node) -> str:
+    """Where a full update is asked for: beside the updates, so that who remaps these remaps both."""
+    return str(node.resolve_topic_name("scene_graph")) + "/full_request"

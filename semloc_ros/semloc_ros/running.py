@@ -15,6 +15,8 @@
 
 from __future__ import annotations
 
+import logging
+import os
 import signal
 import sys
 import threading
@@ -22,7 +24,12 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import rclpy
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, ParameterException
+from rclpy.exceptions import (
+    InvalidHandle,
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterException,
+)
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -30,10 +37,36 @@ from rclpy.signals import SignalHandlerOptions
 from semloc_core.errors import SemlocError
 
 N = TypeVar("N", bound=Node)
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 THREADS = 6
 """Updates, questions, diagnostics, parameters and transitions each may wait for something; one to spare."""
+GRACE_S = 1.0
+"""So long may what was begun before a signal take to end in order; `ros2 launch` sends SIGTERM after 5 s."""
 SPIN_S = 0.2
 """How often the executor looks whether it is to end: `Executor.shutdown` frees what a spinning thread still uses."""
+
+
+class RosLog(logging.Handler):
+    """What the core says goes where the node's own lines go: to the console, the log file and /rosout."""
+
+    def __init__(self, node: Node) -> None:
+        super().__init__()
+        self._logger = node.get_logger()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Say a line; each severity has a line of its own here, as rclpy wants it."""
+        try:
+            line = self.format(record)
+            if record.levelno >= logging.ERROR:
+                self._logger.error(line)
+            elif record.levelno >= logging.WARNING:
+                self._logger.warning(line)
+            elif record.levelno >= logging.INFO:
+                self._logger.info(line)
+            else:
+                self._logger.debug(line)
+        except Exception:  # as logging has it: a line that can't be said ends nothing
+            self.handleError(record)
 
 
 def run(
@@ -56,8 +89,15 @@ def run(
     """
     # Our own handlers: rclpy's end the context at once, while threads still publish.
     ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
+
+    def end(*_: object) -> None:
+        # Ctrl-C under `ros2 launch` comes twice, from the terminal and from launch: once is enough.
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+        ended.set()
+
+    for number in SIGNALS:
+        signal.signal(number, end)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = make()
@@ -65,6 +105,8 @@ def run(
         sys.stderr.write(f"{error}\n")
         rclpy.try_shutdown()
         return 2
+    for package in ("semloc_core", "semloc_ros"):
+        logging.getLogger(package).addHandler(RosLog(node))
     executor = MultiThreadedExecutor(THREADS)
     executor.add_node(node)
     failed: list[BaseException] = []
@@ -72,7 +114,11 @@ def run(
     def spin() -> None:
         try:
             while not ended.is_set():
-                executor.spin_once(timeout_sec=SPIN_S)
+                try:
+                    executor.spin_once(timeout_sec=SPIN_S)
+                except InvalidHandle as error:
+                    # Something was destroyed, in order, while its callback ran: that ends the callback, not the node.
+                    node.get_logger().debug(f"a callback outlived what it belongs to: {error}")
         except BaseException as error:
             failed.append(error)
         finally:
@@ -84,6 +130,11 @@ def run(
         spinning = threading.Thread(target=spin, name="executor", daemon=True)
         spinning.start()
         ended.wait()
+        # Whatever a callback is busy with, such as reading a map: the end does not wait for it any longer than this.
+        patience = threading.Timer(GRACE_S, lambda: os._exit(1 if failed else 0))
+        patience.daemon = True
+        patience.start()
+        executor.wake()
         spinning.join()
         for error in failed:
             node.get_logger().fatal(f"the node failed: {type(error).__name__}: {error}")
@@ -97,4 +148,5 @@ def run(
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
+    patience.cancel()
     return 1 if failed else 0

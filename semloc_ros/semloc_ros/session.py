@@ -16,17 +16,21 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from semloc_core import wire
+from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import SemlocError
 from semloc_core.explain import ClassShift
 from semloc_core.localiser import Localiser, Located
 from semloc_core.map_database import LoadedMap
+from semloc_core.tracking import Hint
 from semloc_ros.diagnostics import Diagnostics, Line
 from semloc_ros.explaining import Explaining
 from semloc_ros.parameters import NodeConfig
@@ -43,7 +47,7 @@ class Session:
         localiser: as the parameters say.
         config: the node's own options; change ``config`` to change them.
         publishing: what answers go to; freed with the session.
-        on_rejected: called with a line for each update that is refused.
+        on_lost: see `Worker`.
 
     """
 
@@ -52,7 +56,7 @@ class Session:
         localiser: Localiser,
         config: NodeConfig,
         publishing: Publishing,
-        on_rejected: Callable[[str], None],
+        on_lost: Callable[[str, bool], None],
     ) -> None:
         self.config = config
         self._publishing = publishing
@@ -60,8 +64,11 @@ class Session:
         self._shift_lock = threading.Lock()
         self._shift = ClassShift(localiser.map)
         self.explaining = Explaining(self._on_attributions, config.explain_deadline_s)
-        self.worker = Worker(localiser, self._on_answer, on_rejected)
+        self.worker = Worker(localiser, self._on_answer, on_lost)
         self._drawn: LoadedMap | None = None
+        self._closing = threading.RLock()
+        """Held while others than worker and explainer, which end first, publish; and while publishers are freed."""
+        self._closed = False
 
     def stop(self) -> None:
         """End threads and process; who waits for an answer gets an error."""
@@ -71,10 +78,14 @@ class Session:
     def close(self) -> None:
         """End all, free the publishers."""
         self.stop()
-        self._publishing.destroy()
+        with self._closing:
+            self._closed = True
+            self._publishing.destroy()
 
     def configure(self, config: NodeConfig) -> None:
         """Take other options of the node."""
+        if not config.publish_tf:
+            self._publishing.forget()
         self.config, self.explaining.deadline_s = config, config.explain_deadline_s
 
     def replace(self, localiser: Localiser, stamp: Time) -> None:
@@ -84,12 +95,15 @@ class Session:
             SemlocError: this one has been stopped; the other one is closed.
 
         """
-        other_map = localiser.map is not self.worker.localiser.map
+        before = self.worker.localiser
+        other_map = localiser.map is not before.map
         try:
             self.worker.replace(localiser)
         except SemlocError:
             localiser.close()
             raise
+        if other_map or localiser.config.frame_id != before.config.frame_id:
+            self._publishing.forget()
         if other_map:
             with self._shift_lock:
                 self._shift = ClassShift(localiser.map)
@@ -98,18 +112,56 @@ class Session:
     def reset(self) -> None:
         """Forget the graph."""
         self.worker.reset()
+        self._publishing.forget()
+
+    def hint(self, message: PoseWithCovarianceStamped) -> str:
+        """Take a person's word for about where the robot is.
+
+        Returns:
+            Why it could not be taken; empty if it was.
+
+        Raises:
+            SemlocError: the session has been stopped.
+
+        """
+        if self._publishing.told(message):
+            return ""
+        frame_id, at = message.header.frame_id, message.pose.pose.position
+        variance = max(message.pose.covariance[0], message.pose.covariance[7])
+        radius_m = max(MATCH_RADIUS_M, 3.0 * math.sqrt(max(variance, 0.0)))
+
+        def narrow(localiser: Localiser) -> str:
+            frames = {name: localiser.frame_of(name) for name in localiser.buildings}
+            meant = [name for name, frame in frames.items() if frame == frame_id.strip("/")]
+            if not meant:
+                return f"expected initialpose in a building's frame (got {frame_id!r})"
+            localiser.hint(Hint(meant, (at.x, at.y), radius_m))
+            return ""
+
+        return self.worker.call(narrow)
+
+    def send_again(self) -> None:
+        """Send again what has to be said again and again: the transform."""
+        if self.worker.answering:
+            self._publishing.again(self.config)
+        else:  # what comes meanwhile is not answered, and may change all
+            self._publishing.forget()
 
     def draw_map(self, stamp: Time, clear: bool = True) -> None:
         """Publish the map's markers."""
-        localiser = self.worker.localiser
-        self._drawn = localiser.map
-        self._publishing.map(self._drawn, localiser.config.frame_id, stamp, clear)
+        with self._closing:
+            if self._closed:
+                return
+            localiser = self.worker.localiser
+            self._drawn = localiser.map
+            self._publishing.map(localiser, stamp, clear)
 
     def draw_changes(self, stamp: Time) -> None:
         """Publish the map's markers anew, if somebody looks and these are other buildings of a server's map by now."""
-        changed = self._drawn is not None and self._drawn is not self.worker.localiser.map
-        if changed and self._publishing.map_is_watched():  # takes a while
-            self.draw_map(stamp, clear=False)
+        with self._closing:
+            changed = self._drawn is not None and self._drawn is not self.worker.localiser.map
+            if changed and not self._closed and self._publishing.map_is_watched():  # takes a while
+                self.draw_map(stamp, clear=False)
 
     def ask(self, request: wire.ExplainRequest | None) -> Future[str]:
         """Have a request answered about the graph as it is now; None: the last query, by every explainer."""
@@ -129,19 +181,24 @@ class Session:
 
     def publish_explanation(self, text: str) -> None:
         """Publish the answer to a request that came by topic."""
-        self._publishing.explanation(text)
+        with self._closing:
+            if not self._closed:
+                self._publishing.explanation(text)
 
-    def lines(self, state: str) -> list[Line]:
-        """Diagnostics."""
+    def lines(self, state: str, failure: str) -> list[Line]:
+        """Diagnostics, see `semloc_ros.diagnostics.Diagnostics.lines`."""
         with self._shift_lock:
             return self._diagnostics.lines(
-                self.worker, self.explaining.counts, self._shift, state, self.config.stale_after_s
+                self.worker, self.explaining.counts, self._shift, state, self.config.stale_after_s, failure
             )
 
     def _on_answer(self, answer: Answer) -> None:
         localiser, located = self.worker.localiser, answer.located
-        latency_ms = self._publishing.answer(answer, localiser.config, self.config.initialpose_after)
+        latency_ms = self._publishing.answer(answer, localiser, self.config)
         self._diagnostics.answered(answer, latency_ms)
+        evidence = localiser.evidence(located)
+        if evidence is not None:
+            self._publishing.evidence(evidence, answer, localiser.stream.graph)
         self._publishing.query(answer, localiser.stream.graph)
         if answer.explain:
             self.explaining.explain(located, localiser.config)

@@ -40,6 +40,15 @@ INBOX = 1000
 WAIT_S = 0.2
 IDLE_S = 1.0
 """How often the map is looked after while no update comes."""
+LOSSES = 1000
+"""Losses kept: the latest."""
+LOST = {
+    Outcome.GAP: "updates lost: {seq} came after {last}; there is no graph until the next full update",
+    Outcome.WAITING: "update not used: {seq} is a change of a graph that is not there; a full update is needed",
+    Outcome.REPEATED: "update not used: {seq} is not newer than {last}; a mapper that starts again must begin with a "
+    "full update",
+}
+"""What is said of an update that comes to nothing."""
 
 logger = logging.getLogger(__name__)
 
@@ -71,6 +80,7 @@ class Counts:
         answered: answers given.
         skipped: updates that were applied but not answered for themselves, because later ones had come.
         malformed: updates that were no valid message.
+        missed: updates whose numbers were skipped: they never came, or were overwritten while too many waited.
         last_rejection: why the latest was refused.
 
     """
@@ -79,6 +89,7 @@ class Counts:
     answered: int = 0
     skipped: int = 0
     malformed: int = 0
+    missed: int = 0
     last_rejection: str = ""
 
 
@@ -100,7 +111,8 @@ class Worker:
     Args:
         localiser: owned from now on; reach it through `call`.
         on_answer: called in the thread with each answer.
-        on_rejected: called in the thread with one line for each update that is refused.
+        on_lost: called in the thread for each update that is refused, or that comes to nothing: with a line, and
+            whether only a full update can mend it.
 
     """
 
@@ -108,20 +120,36 @@ class Worker:
         self,
         localiser: Localiser,
         on_answer: Callable[[Answer], None],
-        on_rejected: Callable[[str], None],
+        on_lost: Callable[[str, bool], None],
     ) -> None:
         self._localiser = localiser
         self._on_answer = on_answer
-        self._on_rejected = on_rejected
+        self._on_lost = on_lost
         self._inbox: deque[tuple[int, str] | _Task] = deque()
         self._changed = threading.Condition()
         self._stopped = False
-        self.answering = False
+        self._answering = False
         self.counts = Counts()
         self.updated_ns: int | None = None
         """When the latest update came in, by the steady clock."""
+        self.applied_ns: int | None = None
+        """When the latest update was applied."""
+        self.answered_ns: int | None = None
+        """When the latest answer was given, or answering began, if that is later."""
+        self.losses: deque[tuple[int, str]] = deque(maxlen=LOSSES)
+        """When updates came to nothing, and how: malformed, rejected, repeated, gap, waiting."""
+        self._seq = -1
         self._thread = threading.Thread(target=self._run, name="localiser", daemon=True)
         self._thread.start()
+
+    @property
+    def answering(self) -> bool:
+        """Whether answers are given; updates are applied in any case."""
+        return self._answering
+
+    @answering.setter
+    def answering(self, value: bool) -> None:
+        self._answering, self.answered_ns = value, time.monotonic_ns()
 
     # -- for any thread -------------------------------------------------------------------------------------
 
@@ -220,6 +248,7 @@ class Worker:
             located = self._localiser.locate()
             explain = self._localiser.due(located)
             self.counts.answered += 1
+            self.answered_ns = time.monotonic_ns()
             self._on_answer(Answer(located, due[1], due[0], explain))
         else:
             self._localiser.keep_up()
@@ -232,15 +261,24 @@ class Worker:
             update = decode_update(text, self._localiser.config.max_update_bytes)
         except MessageError as error:
             self.counts.malformed += 1
-            self._reject(str(error))
-            return None
+            return self._reject("malformed", error)
         try:
             outcome = self._localiser.apply(update)
         except GraphError as error:  # the stream has counted it
-            self._reject(str(error))
-            return None
+            return self._reject("rejected", error)
+        if outcome is Outcome.APPLIED:
+            self.applied_ns = time.monotonic_ns()
+            if self._seq >= 0:
+                self.counts.missed += max(0, update.seq - self._seq - 1)
+            self._seq = update.seq
+            return update
+        self._lose(outcome.value, LOST[outcome].format(seq=update.seq, last=self._seq), True)
         return update if outcome is not Outcome.REPEATED else None
 
-    def _reject(self, line: str) -> None:
-        self.counts.last_rejection = line
-        self._on_rejected(line)
+    def _reject(self, kind: str, error: SemlocError) -> None:
+        self.counts.last_rejection = str(error)
+        self._lose(kind, f"update rejected: {error}", False)
+
+    def _lose(self, kind: str, line: str, full_needed: bool) -> None:
+        self.losses.append((time.monotonic_ns(), kind))
+        self._on_lost(line, full_needed)

@@ -85,6 +85,7 @@ def make_all(folder: Path):
     write_hydra(folder / "home.json", home, SPACE)
     write_map(folder / "home.map", make_model("rings"), home=home)
     write_map(folder / "attention.map", make_model("paper"), home=home)
+    write_map(folder / "twins.map", make_model("rings"), here=home, there=home)
     write_map(folder / "both.map", make_model("rings"), home=home, other=other)
     (folder / "broken.map").write_bytes((folder / "home.map").read_bytes()[:5000])
     write_run(folder / "run.mcap", steps(home))

@@ -13,8 +13,11 @@
 # limitations under the License.
 """Fixtures: assets, and nodes that spin in a thread of their own."""
 
+import os
+import subprocess
 import threading
 import time
+from pathlib import Path
 
 import building
 import pytest
@@ -24,6 +27,7 @@ from rclpy.executors import MultiThreadedExecutor
 from rclpy.parameter import Parameter
 
 PATIENCE_S = 60.0
+SCENES = Path(__file__).parent / "processes"
 
 
 def wait_for(condition, what="it", patience_s=PATIENCE_S):
@@ -48,6 +52,19 @@ def _ros():
     rclpy.init()
     yield
     rclpy.try_shutdown()
+
+
+@pytest.fixture
+def environment(assets, tmp_path):
+    """What processes of a test are started with: a network of their own, so that no node of another test is heard."""
+    found = subprocess.run(["ros2", "pkg", "executables", "semloc_ros"], capture_output=True, text=True, check=False)
+    assert "semloc_ros localiser" in found.stdout, "expected the built workspace to be sourced"
+    return os.environ | {
+        "SEMLOC_TEST_ASSETS": str(assets),
+        "PYTHONPATH": os.pathsep.join([str(SCENES), str(SCENES.parent), os.environ.get("PYTHONPATH", "")]),
+        "ROS_DOMAIN_ID": str((int(os.environ.get("ROS_DOMAIN_ID", "0")) + 1) % 102),
+        "ROS_LOG_DIR": str(tmp_path / "log"),
+    }
 
 
 @pytest.fixture
@@ -111,6 +128,7 @@ class Client:
         for topic, kind, profile in (
             (f"{name}/matches", String, qos.ANSWERS),
             (f"{name}/attributions", String, qos.ANSWERS),
+            (f"{name}/evidence", String, qos.ANSWERS),
             (f"{name}/explanations", String, qos.ANSWERS),
             (f"{name}/pose", PoseWithCovarianceStamped, qos.ANSWERS),
             ("initialpose", PoseWithCovarianceStamped, qos.LATEST),

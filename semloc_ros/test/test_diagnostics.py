@@ -16,6 +16,7 @@
 import time
 
 import building
+import rclpy
 from conftest import wait_for
 from diagnostic_msgs.msg import DiagnosticStatus
 from visualization_msgs.msg import Marker
@@ -58,6 +59,88 @@ def test_diagnostics_say_what_is_going_on(localiser, client):
 def message_of(side, line="localisation"):
     status = side.diagnostics(line)
     return status.message if status is not None else ""
+
+
+def status_while(side, send, condition, line="localisation"):
+    """Go on sending until a line of diagnostics meets a condition."""
+
+    def met():
+        send()
+        status = side.diagnostics(line)
+        return status is not None and condition(status) and status
+
+    return wait_for(met, f"diagnostics of {line}")
+
+
+def localised(side, run):
+    """Have the localiser answer, and say so."""
+    return status_while(side, lambda: side.send(run[0]), lambda s: s.message.startswith(("localised", "ambiguous")))
+
+
+def test_garbage_only_is_an_error_and_the_next_full_update_mends_it(localiser, client):
+    localiser(stale_after_s=1.0)
+    side = client().connect()
+    run = updates()
+    localised(side, run)
+    status = status_while(side, lambda: side.send("no update"), lambda s: s.level == DiagnosticStatus.ERROR)
+    assert "none could be applied for" in status.message
+    assert "malformed (the last one: expected" in status.message
+    assert side.diagnostics(": updates").level == DiagnosticStatus.ERROR
+    localised(side, run)
+
+
+def test_a_mapper_that_starts_again_with_changes_only_is_an_error(localiser, client, capfd):
+    localiser(stale_after_s=1.0)
+    side = client().connect()
+    run = updates(full_every_s=1000.0)
+    for count, update in enumerate(run[:30], 1):
+        side.send(update)
+        side.wait_matches(count)
+    capfd.readouterr()
+    repeated = iter(run[1:29] * 1000)
+    begun = time.monotonic()
+    status = status_while(side, lambda: side.send(next(repeated)), lambda s: s.level == DiagnosticStatus.ERROR)
+    assert "none could be applied for" in status.message
+    assert "a mapper that starts again must begin with a full update" in status.message
+    said = [line for line in capfd.readouterr().err.splitlines() if "update not used" in line]
+    assert 1 <= len(said) <= time.monotonic() - begun + 2  # one line a second, not one an update
+    localised(side, run)
+
+
+def test_updates_that_are_applied_but_not_answered_are_an_error(localiser, client, monkeypatch):
+    node = localiser(stale_after_s=1.0)
+    side = client().connect()
+    run = updates()
+    localised(side, run)
+
+    def broken(*_):
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr(node._session.worker, "_on_answer", broken)
+    monkeypatch.setattr("semloc_core.localiser.Localiser.locate", broken)
+    status = status_while(side, lambda: side.send(run[0]), lambda s: s.level == DiagnosticStatus.ERROR)
+    assert "updates are applied, but none was answered for" in status.message
+
+
+def test_a_node_that_is_not_configured_says_so_and_why(localiser, client):
+    node = localiser(start=False)
+    side = client()
+    status = status_while(side, lambda: None, lambda s: s.message.startswith("unconfigured: waits for"))
+    assert status.level == DiagnosticStatus.WARN
+    node.set_parameters([rclpy.parameter.Parameter("map", value="/nowhere/at/all.map")])
+    node.trigger_configure()
+    status = status_while(side, lambda: None, lambda s: s.level == DiagnosticStatus.ERROR)
+    assert "unconfigured: configure failed: expected" in status.message
+    assert "/nowhere/at/all.map" in status.message
+
+
+def test_autostart_tries_again_until_the_map_is_there(localiser, client, assets, tmp_path):
+    localiser(map=str(tmp_path / "late.map"))
+    side = client()
+    status_while(side, lambda: None, lambda s: s.level == DiagnosticStatus.ERROR and "late.map" in s.message)
+    (tmp_path / "late.map").write_bytes((assets / "home.map").read_bytes())
+    side.connect()
+    localised(side, updates())
 
 
 def test_diagnostics_name_the_places_that_could_be_it_and_say_when_there_is_no_graph(localiser, client):

@@ -13,12 +13,15 @@
 # limitations under the License.
 """The ament linters, as far as they are installed."""
 
+import ast
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
+from ament_index_python import get_packages_with_prefixes
 
 PACKAGE = Path(__file__).resolve().parents[1]
 PROJECT = PACKAGE.parent
@@ -61,6 +64,19 @@ def test_copyright():
 def test_xmllint():
     main = pytest.importorskip("ament_xmllint.main")
     assert main.main(argv=[str(PACKAGE / "package.xml")]) == 0
+
+
+def test_the_manifest_names_every_ros_package_that_is_imported_or_launched():
+    manifest = ElementTree.parse(PACKAGE / "package.xml").getroot()
+    named = {item.text for item in manifest if item.tag in ("depend", "exec_depend")}
+    trees = [ast.parse(path.read_text()) for name in ("semloc_ros", "launch") for path in (PACKAGE / name).glob("*.py")]
+    nodes = [node for tree in trees for node in ast.walk(tree)]
+    imported = {node.module.split(".")[0] for node in nodes if isinstance(node, ast.ImportFrom) and node.module}
+    imported |= {item.name.split(".")[0] for node in nodes if isinstance(node, ast.Import) for item in node.names}
+    given = set(get_packages_with_prefixes())
+    assert {"rclpy", "std_msgs", "launch_ros"} <= imported & given
+    assert (imported & given) - {"semloc_ros", "hydra_msgs"} <= named  # hydra_msgs only where it is installed
+    assert {"ros2bag", "rosbag2_storage_mcap", "rviz2"} <= named  # launched, and read by what is launched
 
 
 def program(name):

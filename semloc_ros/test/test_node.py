@@ -13,8 +13,8 @@
 # limitations under the License.
 """The node in process, on a real rclpy: transitions, parameters, every topic and service."""
 
-import json
 import math
+import re
 import subprocess
 import sys
 import time
@@ -155,9 +155,11 @@ def test_answers_are_the_cores_byte_for_byte(localiser, client, assets):
         assert answer.latency_ms > 0
         wait_for(lambda count=count: len(side.attributions) == count, "attributions")
         expected = core.update(update)
-        found = json.loads(side.seen["/localiser/matches"][-1].data) | {"latency_ms": None}
-        assert json.dumps(found, separators=(",", ":"), ensure_ascii=False) == wire.encode(expected.matches).decode()
+        found = re.sub(r'"latency_ms":[0-9.e-]+', '"latency_ms":null', side.seen["/localiser/matches"][-1].data)
+        assert found == wire.encode(expected.matches).decode()
         assert side.seen["/localiser/attributions"][-1].data == wire.encode(expected.attributions).decode()
+        wait_for(lambda count=count: len(side.seen["/localiser/evidence"]) == count, "evidence")
+        assert side.seen["/localiser/evidence"][-1].data == wire.encode(expected.evidence).decode()
 
 
 def test_bad_updates_are_refused_counted_and_lose_nothing(localiser, client, capfd):
@@ -225,21 +227,22 @@ def test_every_delta_is_applied_and_only_the_latest_query_answered(localiser, cl
     assert [a.seq for a in answers] == sorted(a.seq for a in answers)
 
 
-def test_the_pose_comes_with_matches_only_and_says_how_sure_it_is(localiser, client):
-    localiser(accept_probability=0.0, frame_id="home")
+def test_the_pose_is_the_messages_and_comes_with_matches_only(localiser, client):
+    localiser(frame_id="home")
     side = client().connect()
-    run = updates()
+    run = updates(shared_frame=True, frame_id="odom")
     side.send(run[0])
-    (pose,) = wait_for(lambda: side.seen["/localiser/pose"])
-    best = side.wait_matches(1)[0].matches[0]
-    assert (pose.pose.pose.position.x, pose.pose.pose.position.y) == pytest.approx(best.position[:2])
-    assert pose.header.frame_id == "home"
-    stamp = pose.header.stamp
+    (found,) = wait_for(lambda: side.seen["/localiser/pose"])
+    pose = side.wait_matches(1)[0].matches[0].pose
+    assert pose.yaw is not None
+    at, turn = found.pose.pose.position, found.pose.pose.orientation
+    assert (at.x, at.y, at.z) == pytest.approx(pose.position, abs=1e-6)
+    assert 2 * math.atan2(turn.z, turn.w) == pytest.approx(pose.yaw, abs=1e-6)
+    assert found.header.frame_id == "home"
+    stamp = found.header.stamp
     assert stamp.sec * 10**9 + stamp.nanosec == run[0].stamp_ns
-    covariance = pose.pose.covariance.reshape(6, 6)
-    assert covariance[5, 5] == pytest.approx(math.pi**2 / 3)
-    assert covariance[0, 0] >= 0.25
-    assert pose.pose.pose.orientation.w == 1.0
+    covariance, axes = found.pose.covariance.reshape(6, 6), [0, 1, 2, 5]
+    assert covariance[axes][:, axes].ravel() == pytest.approx(pose.covariance, abs=1e-6)
     assert side.set(accept_probability=1.0)[0].successful
     side.send(run[1])
     assert side.wait_matches(2)[-1].status == "ambiguous"
@@ -247,26 +250,150 @@ def test_the_pose_comes_with_matches_only_and_says_how_sure_it_is(localiser, cli
     assert len(side.seen["/localiser/pose"]) == 1
 
 
-def test_initialpose_is_seeded_once_after_consistent_matches_and_never_by_default(localiser, client, assets):
+def test_how_sure_the_pose_is_does_not_hang_on_how_many_matches_are_listed(localiser, client):
+    localiser()
+    side = client().connect()
+    (update, *_) = updates()
+    found = []
+    for top_n in (1, 10, 100):
+        assert side.set(top_n=top_n)[0].successful
+        assert side.call("reset").success
+        side.send(update)
+        wait_for(lambda: len(side.seen["/localiser/pose"]) > len(found), "a pose")
+        found.append(side.seen["/localiser/pose"][-1].pose.covariance.tolist())
+    assert found[0] == found[1] == found[2]
+
+
+def test_a_pose_without_a_heading_says_so(localiser, client):
+    localiser()
+    side = client().connect()
+    side.send(updates()[0])  # its odometry is in a frame of its own
+    (found,) = wait_for(lambda: side.seen["/localiser/pose"])
+    turn, covariance = found.pose.pose.orientation, found.pose.covariance.reshape(6, 6)
+    assert (turn.x, turn.y, turn.z, turn.w) == (0.0, 0.0, 0.0, 1.0)
+    assert covariance[5, 5] == pytest.approx(math.pi**2 / 3)
+    assert not covariance[5, :5].any()
+
+
+def follow(side, run, before):
+    """Send updates one by one, each when the one before has been answered."""
+    for count, update in enumerate(run, before + 1):
+        side.send(update)
+        side.wait_matches(count)
+
+
+def test_initialpose_is_told_after_consistent_matches_and_never_by_default(localiser, client, assets):
     localiser(accept_probability=0.0)
     side = client().connect()
-    run = updates(speed_mps=0.1)
-    for count, update in enumerate(run[:4], 1):
-        side.send(update)
-        side.wait_matches(count)
+    run = updates(speed_mps=0.1, shared_frame=True, frame_id="odom")
+    follow(side, run[:4], 0)
     assert side.seen["initialpose"] == []
     assert side.set(initialpose_after=3)[0].successful
-    for count, update in enumerate(run[4:12], 5):
-        side.send(update)
-        side.wait_matches(count)
+    follow(side, run[4:12], 4)
     wait_for(lambda: side.seen["initialpose"])
     time.sleep(0.3)
-    assert len(side.seen["initialpose"]) == 1
-    assert side.set(map=str(assets / "both.map"))[0].successful  # which has a frame of its own
-    for count, update in enumerate(run[12:16], 13):
-        side.send(update)
-        side.wait_matches(count)
+    (told,) = side.seen["initialpose"]
+    assert told in side.seen["/localiser/pose"]
+    assert told.pose.covariance.reshape(6, 6)[5, 5] < 1.0
+    assert side.set(map=str(assets / "both.map"))[0].successful  # which has frames of its own
+    follow(side, run[12:16], 12)
     wait_for(lambda: len(side.seen["initialpose"]) == 2)
+    assert side.seen["initialpose"][-1].header.frame_id == "home"
+
+
+def test_initialpose_is_never_told_without_a_heading(localiser, client):
+    localiser(accept_probability=0.0, initialpose_after=1)
+    side = client().connect()
+    follow(side, updates()[:4], 0)
+    time.sleep(0.3)
+    assert len(side.seen["/localiser/pose"]) == 4
+    assert side.seen["initialpose"] == []
+
+
+def test_initialpose_is_told_again_to_who_comes_late_until_amcl_answers(localiser, client, spin):
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+
+    from semloc_ros import qos
+
+    localiser(accept_probability=0.0, initialpose_after=2)
+    side = client().connect()
+    follow(side, updates(speed_mps=0.1, shared_frame=True, frame_id="odom")[:3], 0)
+    wait_for(lambda: len(side.seen["initialpose"]) == 1)
+
+    def late(name):
+        seen, node = [], spin(rclpy.create_node(name))
+        node.create_subscription(PoseWithCovarianceStamped, "initialpose", seen.append, qos.LATEST)
+        return seen, node
+
+    amcl, node = late("amcl")
+    wait_for(lambda: amcl, "the pose, though no update comes any more")
+    answer = node.create_publisher(PoseWithCovarianceStamped, "amcl_pose", qos.LATCHED)
+    count = len(amcl)
+    wait_for(lambda: len(amcl) > count, "the pose again: AMCL is there and has not answered")
+    answer.publish(PoseWithCovarianceStamped())
+    time.sleep(0.5)
+    count = len(amcl)
+    other, _ = late("other")
+    time.sleep(3.0)
+    assert (len(amcl), other) == (count, [])
+
+
+def test_a_persons_initialpose_narrows_the_search(localiser, client, spin, assets, capfd):
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+
+    from semloc_ros import qos
+
+    localiser(map=str(assets / "twins.map"), accept_probability=0.75)
+    side = client().connect()
+    rviz = spin(rclpy.create_node("rviz")).create_publisher(PoseWithCovarianceStamped, "initialpose", qos.LATEST)
+    wait_for(lambda: rviz.get_subscription_count() >= 2, "the localiser and the test to listen")
+    (update, *_) = updates()
+    side.send(update)
+    assert side.wait_matches(1)[-1].status == "ambiguous"
+    hint = PoseWithCovarianceStamped()
+    hint.header.frame_id = "map"  # which is no building's, where there are two
+    rviz.publish(hint)
+    wait_for(lambda: "not taken as a hint: expected" in capfd.readouterr().err, "a line")
+    hint.header.frame_id = "there"
+    rviz.publish(hint)
+    time.sleep(0.5)
+    side.send(update)
+    answer = side.wait_matches(2)[-1]
+    assert (answer.status, answer.frame_id, answer.matches[0].map) == ("match", "there", "there")
+
+
+def test_of_a_map_of_several_buildings_everything_is_in_the_frame_of_its_building(localiser, client, assets):
+    localiser(map=str(assets / "both.map"), explain_rate_hz=1000.0)
+    side = client().connect()
+    wait_for(lambda: side.node.count_publishers("/localiser/markers"))
+    time.sleep(0.5)
+    starts = {0: 1_700_000_000 * 10**9, 7: 1_700_000_100 * 10**9}
+    runs = [
+        [s.update for s in building.steps(building.corridor(seed=i), start_stamp_ns=t)][:1] for i, t in starts.items()
+    ]
+    for count, (name, run) in enumerate(zip(("home", "other"), runs, strict=True), 1):
+        side.send(run[0])
+        answer = side.wait_matches(count)[-1]
+        assert (answer.status, answer.matches[0].map, answer.frame_id) == ("match", name, name)
+        for topic in ("pose", "attributions", "evidence"):
+            wait_for(lambda count=count, topic=topic: len(side.seen[f"/localiser/{topic}"]) == count, topic)
+        assert side.seen["/localiser/pose"][-1].header.frame_id == name
+        assert side.attributions[-1].frame_id == name
+        assert side.messages("evidence", wire.ClassAttributions)[-1].frame_id == name
+        drawn = wait_for(
+            lambda name=name: (
+                (found := [m for a in list(side.seen["/localiser/markers"]) for m in a.markers])
+                and any(m.ns == "seen" and m.header.frame_id == name for m in found)
+                and found
+            )
+        )
+    frames = {(m.ns, m.header.frame_id) for m in drawn}
+    assert ("robot", "home") in frames
+    assert ("robot", "other") in frames
+    assert not any(frame == "map" for ns, frame in frames if ns in ("robot", "matches", "seen", "explained"))
+    (shown,) = wait_for(lambda: side.seen["/localiser/map_markers"])
+    of = {m.ns: m.header.frame_id for m in shown.markers}
+    assert (of["places of home"], of["places of other"]) == ("home", "other")
 
 
 def test_markers_have_stable_ids_and_are_cleared_with_the_map(localiser, client, assets):
@@ -281,7 +408,11 @@ def test_markers_have_stable_ids_and_are_cleared_with_the_map(localiser, client,
         wait_for(lambda count=count: len(side.attributions) == count, "attributions")
     wait_for(lambda: any(m.ns == "attributions" for a in side.seen["/localiser/markers"] for m in a.markers))
     drawn = [m for a in list(side.seen["/localiser/markers"]) for m in a.markers]
-    assert {"matches", "probabilities", "query", "attributions"} <= {m.ns for m in drawn}
+    assert {"matches", "probabilities", "query", "attributions", "robot", "seen"} <= {m.ns for m in drawn}
+    joined = [m for m in drawn if m.ns == "explained" and m.points][-1]
+    for here, there in zip(joined.points[::2], joined.points[1::2], strict=True):  # nothing has moved since
+        assert math.dist((here.x, here.y, here.z), (there.x, there.y, there.z)) < 0.1
+    assert {m.header.frame_id for m in drawn if m.ns in ("robot", "seen", "explained")} == {"map"}
     assert {m.id for m in drawn if m.ns == "matches"} == set(range(1, 11))
     assert {m.id for m in drawn if m.ns == "query"} == {0}
     first = wait_for(lambda: side.seen["/localiser/map_markers"])[0]

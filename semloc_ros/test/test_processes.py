@@ -13,7 +13,6 @@
 # limitations under the License.
 """The node as processes, launched by launch_testing: one file of test/processes a scene."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -22,24 +21,10 @@ from pathlib import Path
 
 import pytest
 from ament_index_python.packages import get_package_prefix
+from conftest import SCENES
 
 from semloc_core import wire
 from semloc_core.sources import BagReader, decode_string
-
-SCENES = Path(__file__).parent / "processes"
-
-
-@pytest.fixture
-def environment(assets, tmp_path):
-    """What processes of a test are started with: a network of their own, so that no node of another test is heard."""
-    found = subprocess.run(["ros2", "pkg", "executables", "semloc_ros"], capture_output=True, text=True, check=False)
-    assert "semloc_ros localiser" in found.stdout, "expected the built workspace to be sourced"
-    return os.environ | {
-        "SEMLOC_TEST_ASSETS": str(assets),
-        "PYTHONPATH": os.pathsep.join([str(SCENES), str(SCENES.parent), os.environ.get("PYTHONPATH", "")]),
-        "ROS_DOMAIN_ID": str((int(os.environ.get("ROS_DOMAIN_ID", "0")) + 1) % 102),
-        "ROS_LOG_DIR": str(tmp_path / "log"),
-    }
 
 
 @pytest.mark.parametrize("name", ["pipeline", "robots", "swap", "bags", "hydra"])

@@ -13,6 +13,7 @@
 # limitations under the License.
 """What needs no node: conversions, poses, markers, the worker's queue, diagnostics' words, Hydra's binary form."""
 
+import math
 import threading
 import time
 from collections import Counter
@@ -25,7 +26,7 @@ from conftest import wait_for
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from semloc_ros.diagnostics import Diagnostics
 from semloc_ros.explaining import ExplainCounts
-from semloc_ros.pose import PLACE_STD_M, Consistency, pose_of
+from semloc_ros.pose import Consistency
 from semloc_ros.worker import Worker
 from visualization_msgs.msg import Marker
 
@@ -71,38 +72,39 @@ def test_only_the_latency_differs_from_the_cores_bytes():
     assert wire.PlaceMatches(**fields | {"latency_ms": None}) == plain
 
 
+def pose(position=(1.0, 2.0, 3.0), yaw=0.5):
+    return wire.Pose(position, yaw, [float(x) for x in range(16)])
+
+
+def turned(orientation, vector):
+    """A vector (3) turned by a quaternion message."""
+    axis, w = np.array([orientation.x, orientation.y, orientation.z]), orientation.w
+    return np.array(vector) + 2 * np.cross(axis, np.cross(axis, vector) + w * np.array(vector))
+
+
 def test_a_pose_message_has_all_of_the_pose():
-    pose = pose_of(answer(match(1, (1.0, 2.0, 3.0), 1.0)))
-    message = conversions.pose_msg(pose, 1_500_000_000, "home")
+    message = conversions.pose_msg(pose(), None, 1_500_000_000, "home")
     assert isinstance(message, PoseWithCovarianceStamped)
     assert (message.header.frame_id, message.header.stamp.sec) == ("home", 1)
-    assert np.array_equal(np.reshape(message.pose.covariance, (6, 6)), pose.covariance)
+    assert (message.pose.pose.position.x, message.pose.pose.position.z) == (1.0, 3.0)
+    assert turned(message.pose.pose.orientation, [1.0, 0.0, 0.0]) == pytest.approx([math.cos(0.5), math.sin(0.5), 0.0])
+    covariance = np.reshape(message.pose.covariance, (6, 6))
+    rows = [0, 1, 2, 5]
+    assert np.array_equal(covariance[np.ix_(rows, rows)].ravel(), np.arange(16.0))
+    assert not covariance[3:5].any()
 
 
-# -- poses ----------------------------------------------------------------------------------------------------------
+def test_a_robot_that_leans_leans_in_its_pose_too():
+    half = math.pi / 8  # nose 45 degrees down, in its own frame looking along x
+    odometry = wire.Odometry((0.0, 0.0, 0.0), (0.0, math.sin(half), 0.0, math.cos(half)), "odom")
+    message = conversions.pose_msg(pose(yaw=math.pi / 2), odometry, 0, "home")
+    assert turned(message.pose.pose.orientation, [1.0, 0.0, 0.0]) == pytest.approx([0.0, 0.5**0.5, -(0.5**0.5)])
 
 
-def test_one_sure_match_leaves_what_a_place_leaves_open():
-    pose = pose_of(answer(match(1, (1.0, 2.0, 0.0), 1.0)))
-    assert pose.position == (1.0, 2.0, 0.0)
-    assert np.allclose(np.diag(pose.covariance)[:3], PLACE_STD_M**2)
-
-
-def test_covariance_is_the_weighted_second_moment_about_the_best():
-    pose = pose_of(answer(match(1, (0.0, 0.0, 0.0), 0.75), match(2, (4.0, 2.0, 0.0), 0.25)))
-    assert pose.covariance[0, 0] == pytest.approx(PLACE_STD_M**2 + 0.25 * 16)
-    assert pose.covariance[0, 1] == pytest.approx(0.25 * 8)
-    assert (np.linalg.eigvalsh(pose.covariance) > 0).all()
-
-
-def test_matches_of_another_building_have_no_part_in_the_pose():
-    pose = pose_of(answer(match(1, (0.0, 0.0, 0.0), 0.6), match(2, (90.0, 0.0, 0.0), 0.6, "other")))
-    assert pose.covariance[0, 0] == pytest.approx(PLACE_STD_M**2)
-
-
-@pytest.mark.parametrize("status", ["ambiguous", "unknown", "no_graph"])
-def test_no_pose_unless_it_is_a_match(status):
-    assert pose_of(answer(match(1, (0.0, 0.0, 0.0), 0.4), status=status)) is None
+def test_an_unknown_heading_is_no_turn_whatever_odometry_says():
+    odometry = wire.Odometry((0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), "elsewhere")
+    turn = conversions.pose_msg(pose(yaw=None), odometry, 0, "home").pose.pose.orientation
+    assert (turn.x, turn.y, turn.z, turn.w) == (0.0, 0.0, 0.0, 1.0)
 
 
 def test_consistency_counts_matches_that_agree():
@@ -133,7 +135,7 @@ def test_ids_stay_with_their_objects_and_are_not_given_twice():
 
 
 def test_ranks_that_are_no_longer_there_are_deleted():
-    drawn = markers.match_markers(answer(match(1, (0.0, 0.0, 0.0), 0.9)), 3).markers
+    drawn = markers.match_markers(answer(match(1, (0.0, 0.0, 0.0), 0.9)), 3, lambda building: "map").markers
     actions = {(m.ns, m.id): m.action for m in drawn}
     assert actions[("matches", 1)] == Marker.ADD
     assert actions[("matches", 2)] == actions[("probabilities", 3)] == Marker.DELETE
@@ -149,9 +151,38 @@ def test_what_speaks_for_a_match_and_against_it_differ_in_colour():
     assert {m.header.frame_id for m in drawn} == {"odom"}
 
 
+def test_the_robot_is_an_arrow_on_its_ellipse():
+    covariance = np.diag([0.04, 0.01, 0.5, 0.02]).ravel().tolist()
+    message = conversions.pose_msg(wire.Pose((1.0, 2.0, 0.5), 0.5, covariance), None, 0, "home")
+    arrow, ellipse = markers.robot_markers(message, yaw_known=True).markers
+    assert (arrow.type, ellipse.type) == (Marker.ARROW, Marker.CYLINDER)
+    assert turned(arrow.pose.orientation, [1.0, 0.0, 0.0]) == pytest.approx([math.cos(0.5), math.sin(0.5), 0.0])
+    assert (ellipse.pose.position.x, ellipse.pose.position.z) == (1.0, 0.5)
+    along = turned(ellipse.pose.orientation, [1.0, 0.0, 0.0])
+    assert np.abs(along) == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)  # of the larger spread
+    # 95 of 100 points of a normal distribution lie in it.
+    points = np.random.default_rng(0).normal(size=(100_000, 2)) * [0.2, 0.1]
+    inside = ((points / [ellipse.scale.x / 2, ellipse.scale.y / 2]) ** 2).sum(1) <= 1
+    assert inside.mean() == pytest.approx(0.95, abs=0.005)
+    assert markers.robot_markers(message, yaw_known=False).markers[0].type == Marker.SPHERE
+
+
+def test_what_is_seen_is_laid_on_the_map_and_joined_to_what_explains_it():
+    head = conversions.header(0, "home")
+    objects = [
+        markers.Laid((1.0, 2.0, 0.0), markers.WHITE, (1.5, 2.0, 0.0)),
+        markers.Laid((3.0, 4.0, 0.0), markers.GREY, None),
+    ]
+    seen, joined = markers.laid_markers(head, objects).markers
+    assert [(p.x, p.y) for p in seen.points] == [(1.0, 2.0), (3.0, 4.0)]
+    assert seen.colors == [markers.WHITE, markers.GREY]
+    assert [(p.x, p.y) for p in joined.points] == [(1.0, 2.0), (1.5, 2.0)]
+    assert {m.action for m in markers.laid_markers(head, []).markers} == {Marker.DELETE}
+
+
 def test_the_map_is_drawn_whole_with_buildings_apart(assets):
     loaded = load(assets / "both.map")
-    drawn = markers.map_markers(loaded, "map", conversions.time_msg(0)).markers
+    drawn = markers.map_markers(loaded, str.upper, conversions.time_msg(0)).markers
     assert drawn[0].action == Marker.DELETEALL
     assert {m.ns for m in drawn[1:]} >= {"places of home", "places of other", "objects of home", "buildings"}
     assert sum(len(m.points) for m in drawn if m.ns.startswith("objects of")) == 120
@@ -304,6 +335,10 @@ def test_hydras_binary_form_arrives_as_updates(assets):
     assert receiver.apply(second)[0] is Outcome.APPLIED
     assert gone not in receiver.graph.objects
     assert stream.update(graph.to_binary(), True, 6_000_000_000, "map").full  # one is due again
+    assert not stream.update(graph.to_binary(), True, 6_100_000_000, "map").full
+    stream.ask_full()
+    assert stream.update(graph.to_binary(), True, 6_200_000_000, "map").full
+    assert not stream.update(graph.to_binary(), True, 6_300_000_000, "map").full
     with pytest.raises(SemlocError, match="binary form"):
         stream.update(b"nonsense", True, 7_000_000_000, "map")
     assert stream.update(graph.to_binary(), False, 8_000_000_000, "map") is None  # what it changes is not known
@@ -338,7 +373,7 @@ def test_a_part_of_hydras_graph_leaves_the_rest_as_it_is(assets):
 
 
 def test_the_query_place_is_that_of_the_latest_pose():
-    from semloc_core.sources import AgentPose, query_place
+    from semloc_core.sources import AgentPose, odometry, query_place
 
     graph, upright = building.corridor(), (0.0, 0.0, 0.0, 1.0)
     names = sorted(graph.places, key=lambda name: graph.places[name][0])
@@ -350,6 +385,10 @@ def test_the_query_place_is_that_of_the_latest_pose():
     near = AgentPose(5, (7.2, 0.3, 0.0), upright, "2")
     assert asked(near, AgentPose(1, (0.0, 0.0, 0.0), upright, "10")) == names[7]
     assert asked(near, AgentPose(9, (7.2, 0.3, 0.0), upright, "3", place=names[2])) == names[2]
+    poses = {"2": near, "10": AgentPose(1, (0.0, 0.0, 0.0), upright, "10")}
+    assert odometry(poses, "hydra_map") == wire.Odometry((7.2, 0.3, 0.0), upright, "hydra_map")
+    assert odometry(poses | {"3": AgentPose(9, (1.0, 0.0, 0.0), None, "3")}, "hydra_map") is None
+    assert odometry({}, "hydra_map") is None
 
 
 def test_the_bridge_says_in_one_line_what_is_missing(capsys):

@@ -33,7 +33,7 @@ def ask(query=None, building=None, place=None, methods=None):
 
 
 def answer_request(localiser, request):
-    return answer_query(localiser.ask(request.query_place), request, localiser.config.frame_id)
+    return answer_query(localiser.ask(request.query_place), request)
 
 
 @pytest.fixture

@@ -48,7 +48,8 @@ class Ages:
 
     def __init__(self) -> None:
         self._way = Way()
-        self._walked = 0.0
+        self.walked = 0.0
+        """Metres walked so far."""
         self._known: dict[str, tuple[Object, float]] = {}
         self._meter = DriftMeter()
         self._written: dict[str, tuple[Position, float]] = {}
@@ -63,7 +64,7 @@ class Ages:
 
         """
         here = graph.places.get(graph.query_place) if graph.query_place is not None else None
-        self._walked += self._way.step(here, odometry)
+        self.walked += self._way.step(here, odometry)
         known = self._known
         for key in change.objects:
             item = graph.objects.get(key)
@@ -71,7 +72,7 @@ class Ages:
                 known.pop(key, None)
                 self._written.pop(key, None)
             elif key not in known or known[key][0] != item:
-                known[key] = (item, self._walked)
+                known[key] = (item, self.walked)
                 self._measure(key, item, here)
         if len(known) > len(graph.objects):  # of a graph that was lost
             self._known = {key: value for key, value in known.items() if key in graph.objects}
@@ -85,13 +86,13 @@ class Ages:
     def _measure(self, key: str, item: Object, here: Position | None) -> None:
         """Take in that an object was written anew; what is written while the robot stands says nothing of drift."""
         before = self._written.get(key)
-        metres = 0.0 if before is None else self._walked - before[1]
+        metres = 0.0 if before is None else self.walked - before[1]
         if before is not None and metres > 0 and here is not None:
             self._meter.add(math.dist(before[0][:2], item.position[:2]), metres, math.dist(here[:2], item.position[:2]))
         if before is None or metres > 0:
-            self._written[key] = (item.position, self._walked)
+            self._written[key] = (item.position, self.walked)
 
     def __call__(self, key: str) -> float:
         """Metres walked since an object of the graph changed; 0 for one that is not known."""
         found = self._known.get(key)
-        return 0.0 if found is None else self._walked - found[1]
+        return 0.0 if found is None else self.walked - found[1]

@@ -44,6 +44,8 @@ OTHERS = ("share", "left", "left_in_map", "fraction", "objects")
 NEAR = ("metres", "objects", "metres_objects")
 MOST_SURE = 0.999
 """P(the robot is in the map) counts as no more where belief is shared: two places that fit alike are no match."""
+_SHARINGS = 8
+_NO_CHANCE = 1e-9
 CLIP = 3.0
 """Features count up to so many standard deviations from the mean: beyond, nothing was learnt."""
 
@@ -168,13 +170,46 @@ class Answers:
     calibration: Calibration
 
     def probability(self, mapped: MappedLayout, rows: Ints) -> Floats:
-        """(K,) P(right) of (K,) rows of the map, tested or not, each for itself; none more than the best answer's."""
+        """(K,) P(right) of (K,) rows of the map, tested or not, each for itself; none more than the best answer's.
+
+        Places too far apart to be right together, of these rows, share one at most.
+        """
         away = np.linalg.norm(mapped.positions[rows][:, None] - self.pose, axis=2)
         near = _near(self.calibration, away, self.n_objects)
         near = np.where(mapped.storey[rows][:, None] == self.storey, near, 0.0)
         total: Floats = (near * self.chance).sum(axis=1)
         np.minimum(total, self.most, out=total)
-        return np.round(total, 9)
+        return np.round(_shared(total, mapped.positions[rows], mapped.building[rows]), 9)
+
+
+def _shared(chance: Floats, at: Floats, building: Ints) -> Floats:
+    """(K,) chances of places, those beyond reach of the likeliest lowered until what can't be together is at most 1.
+
+    Two places further apart than twice the match radius, or in two buildings, can't both be right.
+
+    Args:
+        chance: (K,) of each place.
+        at: (K, 3) metres.
+        building: (K,) of each.
+
+    """
+    for _ in range(_SHARINGS):
+        order = np.argsort(-chance, kind="stable")
+        order = order[chance[order] > _NO_CHANCE]
+        total, left, elsewhere = 0.0, order, order
+        while len(left):
+            first = left[0]
+            apart = np.linalg.norm(at[left] - at[first], axis=1) > 2 * MATCH_RADIUS_M
+            apart |= building[left] != building[first]
+            if not total:
+                elsewhere = left[apart]
+            total, left = total + float(chance[first]), left[apart]
+        if total <= 1.0:
+            break
+        best = float(chance[order[0]])
+        chance = chance.copy()
+        chance[elsewhere] *= (1.0 - best) / (total - best)
+    return chance
 
 
 def _near(calibration: Calibration, metres: Floats, n_objects: int) -> Floats:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+import msgspec
+
 from semloc_core.errors import SemlocError
 from semloc_core.graph import GraphDeltas, Reading, SceneGraph
 from semloc_core.sources.hydra.read import AgentPose, HydraFile, from_spark_dsg
-from semloc_core.wire import SceneGraphUpdate
+from semloc_core.wire import Odometry, SceneGraphUpdate
 
 DSG_UPDATE = "hydra_msgs/msg/DsgUpdate"
 
@@ -91,7 +93,12 @@ class DsgStream:
         due = before is None or not before <= stamp_ns < before + self._full_every_ns
         if due:
             self._full_ns = stamp_ns
-        return self._deltas.update(self._graph, stamp_ns, frame_id, query_place(self._graph, mine), full=due)
+        update = self._deltas.update(self._graph, stamp_ns, frame_id, query_place(self._graph, mine), full=due)
+        return msgspec.structs.replace(update, odometry=odometry(mine, frame_id))
+
+    def ask_full(self) -> None:
+        """Have the next update be a full one."""
+        self._full_ns = None
 
     def _read(self, contents: bytes, whole: bool) -> HydraFile:
         import spark_dsg
@@ -123,9 +130,9 @@ def amended(
 
 def query_place(graph: SceneGraph, agents: Mapping[str, AgentPose]) -> str | None:
     """The place of the latest agent pose: as the graph says, else the nearest one; None without poses or places."""
-    if not agents or not graph.places:
+    latest = _latest(agents)
+    if latest is None or not graph.places:
         return None
-    latest = max(agents.values(), key=lambda pose: (pose.stamp_ns, int(pose.id)))
     if latest.place is not None and latest.place in graph.places:
         return latest.place
     x, y, z = latest.position
@@ -133,3 +140,15 @@ def query_place(graph: SceneGraph, agents: Mapping[str, AgentPose]) -> str | Non
         graph.places.items(),
         key=lambda item: ((item[1][0] - x) ** 2 + (item[1][1] - y) ** 2 + (item[1][2] - z) ** 2, item[0]),
     )[0]
+
+
+def odometry(agents: Mapping[str, AgentPose], frame_id: str) -> Odometry | None:
+    """The latest agent pose, which Hydra gives in the frame of the graph; None without one that has a heading."""
+    latest = _latest(agents)
+    if latest is None or latest.orientation_xyzw is None:
+        return None
+    return Odometry(latest.position, latest.orientation_xyzw, frame_id)
+
+
+def _latest(agents: Mapping[str, AgentPose]) -> AgentPose | None:
+    return max(agents.values(), key=lambda pose: (pose.stamp_ns, int(pose.id)), default=None)

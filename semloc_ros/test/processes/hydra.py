@@ -63,6 +63,9 @@ class TestHydra(Watching):
             assert answer.query_place == places[2 * step][0]
             if answer.status == "match":
                 assert math.dist(answer.matches[0].position, places[2 * step][1]) <= 4.0
+                pose = answer.matches[0].pose  # the robot's, not the place's: it stands between two
+                assert math.dist(pose.position[:2], robot.position[:2]) <= 0.2
+                assert abs(pose.yaw) <= 0.1
         statuses = [answer.status for answer in self.client.matches]
         assert statuses.count("match") >= 5, statuses
 
