@@ -18,6 +18,9 @@ from semloc_core.matching.posterior import Ranking
 from semloc_core.text import short_repr
 from semloc_core.wire import ClassAttributions, Match, PlaceMatches, Pose, Transform
 
+DIGITS = 9
+"""Of poses: beyond, they hang on the order in which a product was summed."""
+
 
 @short_repr
 @dataclass(frozen=True, eq=False)
@@ -147,11 +150,16 @@ def pose_in(placed: Placed, point: NDArray[np.float64], yaw: float | None) -> Po
         shrink = math.sqrt(NO_YAW / covariance[3, 3])
         covariance[3] *= shrink
         covariance[:, 3] *= shrink
-    x, y, z = placed.of(point).tolist()
-    return Pose((x, y, z), heading, covariance.ravel().tolist())
+    x, y, z = _rounded(placed.of(point))
+    return Pose((x, y, z), None if heading is None else round(heading, DIGITS), _rounded(covariance))
 
 
 def transform_of(placed: Placed) -> Transform:
     """The same frame as a message has it."""
-    x, y, z = placed.translation.tolist()
-    return Transform((x, y, z), math.remainder(placed.yaw, 2 * math.pi))
+    x, y, z = _rounded(placed.translation)
+    return Transform((x, y, z), round(math.remainder(placed.yaw, 2 * math.pi), DIGITS))
+
+
+def _rounded(values: NDArray[np.float64]) -> list[float]:
+    found: list[float] = (np.round(values, DIGITS) + 0.0).ravel().tolist()
+    return found

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import IO
 
-from semloc_core.errors import FileFormatError
+from semloc_core.files import write_whole
 from semloc_core.wire.messages import Odometry, PlaceMatches, Pose, Position, Transform
 
 Quaternion = tuple[float, float, float, float]
@@ -60,7 +58,7 @@ def matched_pose(matches: PlaceMatches) -> Pose | None:
 
 
 class TumWriter:
-    """Writes trajectories, a file a building, and the true ones beside them; use it as a context manager.
+    """Writes trajectories, a file a building, and the true ones beside them, when its ``with`` block ends.
 
     A line is ``seconds x y z qx qy qz qw``; where a heading is not known the orientation is none. Only answers with
     status ``match`` are written. Of a map of one building the file is ``path``; of more, ``path`` with the building's
@@ -74,27 +72,21 @@ class TumWriter:
 
     def __init__(self, path: Path, buildings: Sequence[str]) -> None:
         self._path, self._several = path, len(buildings) != 1
-        self._open: dict[tuple[str, bool], IO[str]] = {}
-        self._stack = contextlib.ExitStack()
+        self._lines: dict[tuple[str, bool], list[str]] = {}
 
     @property
     def files(self) -> list[Path]:
         """What was written, by name."""
-        return sorted(self._named(*key) for key in self._open)
+        return sorted(self._named(*key) for key in self._lines)
 
     def answer(self, matches: PlaceMatches) -> None:
-        """Write an answer, if it is a match.
-
-        Raises:
-            FileFormatError: the file can't be written.
-
-        """
+        """Take an answer, if it is a match."""
         pose = matched_pose(matches)
         if pose is not None:
             self._line(matches.matches[0].map, False, matches.stamp_ns, pose.position, quaternion_of(pose.yaw))
 
     def truth(self, building: str, stamp_ns: int, position: Position, orientation_xyzw: Quaternion | None) -> None:
-        """Write where the robot truly was (errors as of `answer`)."""
+        """Take where the robot truly was."""
         self._line(building, True, stamp_ns, position, orientation_xyzw or quaternion_of(None))
 
     def _named(self, building: str, truth: bool) -> Path:
@@ -106,12 +98,7 @@ class TumWriter:
         key = (building, truth)
         seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
         numbers = " ".join(f"{value + 0.0:.6f}" for value in (*position, *turn))
-        try:
-            if key not in self._open:
-                self._open[key] = self._stack.enter_context(self._named(*key).open("w", encoding="utf-8"))
-            self._open[key].write(f"{seconds}.{nanoseconds:09d} {numbers}\n")
-        except OSError as error:
-            raise FileFormatError(f"expected a trajectory that can be written (got {error})") from error
+        self._lines.setdefault(key, []).append(f"{seconds}.{nanoseconds:09d} {numbers}\n")
 
     def __enter__(self) -> TumWriter:
         return self
@@ -119,4 +106,6 @@ class TumWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._stack.close()
+        if error is None:  # else there is no whole trajectory to write
+            for key, lines in self._lines.items():
+                write_whole(self._named(*key), "".join(lines).encode())

@@ -21,7 +21,7 @@ def test_a_building_of_any_name_is_built_changed_and_told_of(semloc, write_corri
     assert told.out.startswith("map         [hq] :smile: (")
     assert f"\n{name}  " in told.out
     assert f"objects     {name}: " in told.out
-    asked = semloc("explain", map_file, graph, "--near", "0,0", "--methods", "class_shapley")
+    asked = semloc("explain", map_file, graph, "--near", "0,0", "--long", "--methods", "class_shapley")
     assert asked.code == 0, asked.err
     assert asked.out.count(f"{name}") >= 2, asked.out
     replaced = semloc("map", "replace", map_file, graph, "--name", name)

@@ -15,7 +15,7 @@ from semloc_core.cli.shared.outputs import Command, Group, is_read, writes
 READ = {"--map", "--run", "--study", "--synonyms", "--labelspace", "--model", "--start"}
 """Options that name what is read. A new option that takes a path is declared with `Writes`, or listed here."""
 READ_ARGUMENTS = {
-    *("GRAPH", "GRAPH...", "GRAPH|RUN", "[GRAPH|RUN]", "GRAPH|RUN...", "RUN", "RESULTS"),
+    *("GRAPH", "GRAPH...", "GRAPH|MAP", "GRAPH|RUN", "[GRAPH|RUN]", "GRAPH|RUN...", "RUN", "RESULTS"),
     *("MAP", "MAP|URL", "ROOT", "[ROOT]", "FILE"),
 }
 FILES = re.compile(r"FILE|FOLDER|HTML|PNG|MODEL|GRAPH|RUN|MAP|RESULTS|ROOT|STATE")

@@ -51,9 +51,9 @@ def test_a_rebuild_that_lost_the_race_says_so(semloc, homes, tmp_path, monkeypat
     if first:
         assert semloc("map", "build", mine, "--model", "coco", "-o", output).code == 0
 
-    def slow(*given: object) -> object:
+    def slow(*given: object, **options: object) -> object:
         _another("map", "build", theirs, "--model", "coco", "-o", output, "--force")
-        return chosen(*given)
+        return chosen(*given, **options)
 
     monkeypatch.setattr(maps, "choose_model", slow)
     said = semloc("map", "build", mine, "--model", "coco", "-o", output, "--force")

@@ -30,7 +30,10 @@ def test_an_addition_that_fails_is_not_said_to_be_made(semloc, map_file, write_c
         (("--place", "nosuch", "--map-name", "a"), "nosuch"),
         (("--map-name", "hq_9"), "hq_9"),
         (("--place", "{place}"), "--map-name"),
-        (("--place", "{other}", "--map-name", "copy", "--methods", "layout"), "expected layout asked of the published"),
+        (("--place", "{other}", "--map-name", "copy", "--rival", 1), "expected one of --place"),
+        (("--rival", 99), "--rival"),
+        (("--place-near", "900,900"), "of --place-near"),
+        (("--methods", "gradient"), "expected explainers among"),
     ],
 )
 def test_a_question_that_has_no_answer_is_refused_before_anything_is_printed(

@@ -235,5 +235,5 @@ def test_what_is_edited_after_a_merge_is_not_taken_back_with_it(semloc, house, m
 def test_the_graph_that_a_map_was_built_from_is_no_later_traversal(semloc, house, map_file):
     said = semloc("map", "merge", map_file, house / "office.json")
     assert (said.code, said.err.count("\n")) == (2, 1)
-    assert "(got office.json that it was mapped from)" in said.err
+    assert "(got office.json, that it was mapped from)" in said.err
     assert load(map_file).hash == load(house / "office.map").hash

@@ -102,4 +102,4 @@ def test_nothing_else_writes_files():
         if any(way in text for way in (".write_bytes(", ".write_text(", ".savefig(path", "fdopen(", 'open("w')):
             found.add(path.relative_to(root).as_posix())
     in_temporary_folders = {"sources/bag/kinds.py", "benchmark/start.py"}
-    assert found == {"files/whole.py", "sources/bag/writer.py", "wire/poses.py", *in_temporary_folders}
+    assert found == {"files/whole.py", "sources/bag/writer.py", *in_temporary_folders}

@@ -87,7 +87,9 @@ def test_the_same_as_of_a_file(semloc, house: Path, tmp_path: Path, address: Mil
     assert there[0] == re.sub(r" \(.*?\)", "", here[0].replace("site", address.name))
     before = load(file).hash
     for place in (file, address):
-        assert semloc("map", "merge", place, house / "again.mcap", "--dry-run").code == 0
+        again = ("map", "merge", place, house / "again.mcap", "--dry-run")
+        assert semloc(*again).code == 2, "it was merged before"
+        assert semloc(*again, "--force").code == 0
     assert source.catalogue().content_hash == load(file).hash == before
 
     pulled = tmp_path / "pulled.map"

@@ -17,6 +17,7 @@ WHAT: dict[str, tuple[str, type[SemlocError]]] = {
     "GRAPH": ("a scene-graph file", FileFormatError),
     "GRAPH...": ("a scene-graph file", FileFormatError),
     "GRAPH|RUN": ("a scene-graph file or a run", FileFormatError),
+    "GRAPH|MAP": ("a scene-graph file or a map", FileFormatError),
     "GRAPH|RUN...": ("a scene-graph file or a run", FileFormatError),
     "[GRAPH|RUN]": ("a scene-graph file or a run", FileFormatError),
     "RUN": ("a bag", FileFormatError),

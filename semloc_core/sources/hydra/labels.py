@@ -69,7 +69,7 @@ class LabelNames:
         used = self._used
         if not used:
             return labelspace_from_hydra(name, None, labels)
-        own = labelspace_from_hydra(name, self.of_labels.items(), ())
+        own = labelspace_from_hydra(name, self.of_labels.items(), labels)
         others = dict.fromkeys(word for names in used for word in names.values() if word not in own.classes)
         return replace(own, classes=(*own.classes, *others))
 
