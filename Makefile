@@ -70,7 +70,7 @@ SOAK ?= 300
 soak: $(VENV)/.test ## a million updates, a thousand reloads, SOAK kills and SOAK random sequences of updates
 	OMP_NUM_THREADS=1 $(PY) tests/soak/soak_run.py
 	SEMLOC_SOAK=$(SOAK) $(PY) -m pytest tests/soak tests/stateful tests/map_database/test_map_killed.py \
-		tests/fleet/test_fleet_writers.py tests/map_merge/test_merge_killed.py tests/test_whole_file.py \
+		tests/fleet/test_fleet_writers.py tests/map_merge/test_merge_killed.py tests/test_files.py \
 		tests/test_extremes.py
 
 licences: $(VENV)/.test ## docs/licences.md: what we depend on, in which version, under which licence

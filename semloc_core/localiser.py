@@ -13,29 +13,27 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.ages import Ages
-from semloc_core.answer import Localisation, Located, Query, ServerState, matches_of, pose_in, transform_of
-from semloc_core.classes import Labels, all_unknown
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
-from semloc_core.explain.answered import EXPLAINER_SEED, answer_evidence, explain_answer
+from semloc_core.encoding.surroundings import Surroundings
+from semloc_core.explain.attributions import EXPLAINER_SEED, answer_evidence, explain_answer
 from semloc_core.explain.layout_scores import LAYOUT
-from semloc_core.filter_model import MapModel
 from semloc_core.frames import frame_of
+from semloc_core.graph.ages import Ages
+from semloc_core.graph.classes import Labels, all_unknown
+from semloc_core.graph.labelspace import lacks
+from semloc_core.graph.stream import Outcome, UpdateStream
+from semloc_core.graph.visibility import Visibility
 from semloc_core.hint import LASTS_M, Hint
-from semloc_core.labelspace import lacks
-from semloc_core.layout.placed import Placed
 from semloc_core.map_database import LoadedMap
-from semloc_core.name_counter import NameCounter
-from semloc_core.poses import yaw_of
-from semloc_core.posterior import CANDIDATES, IN_MAP, Ranking, modes, place_probabilities
-from semloc_core.radius_index import RadiusIndex
-from semloc_core.reranker import Reranked, Reranker, verifier_of
-from semloc_core.short_repr import short_repr
-from semloc_core.stream import Outcome, UpdateStream
-from semloc_core.surroundings import Surroundings
-from semloc_core.tracker import Tracker
-from semloc_core.visibility import Visibility
-from semloc_core.wire import (
+from semloc_core.matching.answer import Localisation, Located, Query, ServerState, matches_of, pose_in, transform_of
+from semloc_core.matching.layout.pose.placed import Placed
+from semloc_core.matching.posterior import CANDIDATES, IN_MAP, Ranking, modes, place_probabilities
+from semloc_core.matching.radius_index import RadiusIndex
+from semloc_core.matching.reranker import Reranked, Reranker, verifier_of
+from semloc_core.text.representation import short_repr
+from semloc_core.tracking.filter_model import MapModel
+from semloc_core.tracking.tracker import Tracker
+from semloc_core.wire.codec import (
     ClassAttributions,
     MapInfo,
     Match,
@@ -49,6 +47,8 @@ from semloc_core.wire import (
     Transform,
     decode_update,
 )
+from semloc_core.wire.name_counter import NameCounter
+from semloc_core.wire.poses import yaw_of
 
 __all__ = ["EXPLAINER_SEED", "Localisation", "Localiser", "Located", "Query"]
 

@@ -3,7 +3,7 @@
 An output is refused where it is an input, whatever name either goes by; where two outputs are one; where something
 of another kind is there, an empty file apart; and, without ``--force``, where anything is there. Pipes, terminals and
 ``/dev/stdout`` take what comes. Whatever another process writes there after the check stays: see
-`semloc_core.whole_file`.
+`semloc_core.files`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 
 from semloc_core.errors import ConfigError
 from semloc_core.file_kinds import BAG, EMPTY, FOLDER, MAP, STATE, kind_of
-from semloc_core.whole_file import Seen, claimed, descriptor, is_stream, real, seen
+from semloc_core.files import Seen, claimed, descriptor, is_stream, real, seen
 
 _BESIDE = ("-wal", "-shm", "-journal")
 """What SQLite keeps beside a map or a bag."""

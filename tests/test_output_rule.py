@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 
 from semloc_core import file_kinds
-from semloc_core.bag.writer import BagWriter
 from semloc_core.errors import BagError, ConfigError
 from semloc_core.file_kinds import kind_of
+from semloc_core.files import write_whole
 from semloc_core.outputs import Output, guarded
-from semloc_core.whole_file import write_whole
+from semloc_core.sources.bag.writer import BagWriter
 
 
 def _archive(first: str) -> bytes:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from semloc_core.cli.common import (
+from semloc_core.cli.shared.common import (
     Json,
     LabelspaceOption,
     Seed,
@@ -21,13 +21,13 @@ from semloc_core.cli.common import (
     read_graph,
     show,
 )
-from semloc_core.cli.foreign_classes import AllowUnknown, check_classes
-from semloc_core.cli.outputs import Writes
+from semloc_core.cli.shared.foreign_classes import AllowUnknown, check_classes
+from semloc_core.cli.shared.outputs import Writes
 from semloc_core.errors import ConfigError
 from semloc_core.file_kinds import MODEL, PICTURE, STATE
 
 if TYPE_CHECKING:
-    from semloc_core.evaluate.rows import Row
+    from semloc_core.metrics.rows import Row
     from semloc_core.training.loop import TrainResult
 
 WHY_ENDED = {
@@ -108,9 +108,9 @@ def train(
     """
     import msgspec
 
-    from semloc_core.classes import Reading
-    from semloc_core.general import load_model
-    from semloc_core.graph_arrays import GraphArrays
+    from semloc_core.encoding.general import load_model
+    from semloc_core.graph.arrays import GraphArrays
+    from semloc_core.graph.classes import Reading
     from semloc_core.training.config import DEFAULT_ENCODER, PERTURBATIONS, train_config
     from semloc_core.training.curve import plot_curve
     from semloc_core.training.loop import Report

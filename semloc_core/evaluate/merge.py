@@ -14,20 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
+from semloc_core.encoding.model import Model, embed_graph
 from semloc_core.errors import MapError
-from semloc_core.evaluate import metrics
 from semloc_core.evaluate.merge_cases import Case, misplaced_m
-from semloc_core.evaluate.rows import Progress, Row, no_progress
-from semloc_core.graph_arrays import GraphArrays, Ints
-from semloc_core.labelspace import Labelspace
+from semloc_core.graph.arrays import GraphArrays, Ints
+from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph.storeys import storey_at
 from semloc_core.map_database.history import History, move_rates
 from semloc_core.map_database.weights import class_weights, object_weights
 from semloc_core.map_merge import MergeConfig, Side, merge
 from semloc_core.map_merge.store import side
 from semloc_core.map_merge.transform import Transform
-from semloc_core.model import Model, embed_graph
-from semloc_core.scene_graph import SceneGraph
-from semloc_core.storeys import storey_at
+from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics.rows import Progress, Row, no_progress
 
 RIGHT_M = 0.5
 """A traversal is laid right if its places end up this near to where they belong (root mean square), metres."""

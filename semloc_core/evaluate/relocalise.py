@@ -2,7 +2,7 @@
 
 ROOT/*/query.json against ROOT/*/map.json, all maps in one database. Nothing is shared between a query and its map
 but the building: places are sampled anew, objects are as a detector saw them. A match is right in the same building
-within 4 m and on the same storey; that of the truth is told by the building's own map (`semloc_core.storeys`).
+within 4 m and on the same storey; that of the truth is told by the building's own map (`semloc_core.graph.storeys`).
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoder import build_encoder
+from semloc_core.encoding.encoder import build_encoder
+from semloc_core.encoding.model import Model, embed_graph
+from semloc_core.encoding.place_graph import extract_all
 from semloc_core.errors import FileFormatError
-from semloc_core.evaluate import metrics
-from semloc_core.evaluate.calibration import accepted_share, expected_calibration_error
-from semloc_core.evaluate.reranked import add_error, any_frame, layout_verifier, reranked, written_in
-from semloc_core.evaluate.rows import Progress, Row, no_progress
-from semloc_core.graph_arrays import Floats, GraphArrays, Ints
-from semloc_core.hydra import HydraFile, read_hydra
-from semloc_core.labelspace import Labelspace, union
-from semloc_core.layout import fragment_of_arrays
-from semloc_core.layout.placed import Placed
-from semloc_core.model import Model, embed_graph
-from semloc_core.place_graph import extract_all
-from semloc_core.pose_error import PoseErrors
-from semloc_core.short_repr import short_repr
-from semloc_core.storeys import storey_at
+from semloc_core.evaluate.verified_answers import add_error, any_frame, layout_verifier, reranked, written_in
+from semloc_core.graph.arrays import Floats, GraphArrays, Ints
+from semloc_core.graph.labelspace import Labelspace, union
+from semloc_core.graph.storeys import storey_at
+from semloc_core.matching.layout import fragment_of_arrays
+from semloc_core.matching.layout.pose.placed import Placed
+from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics.calibration import accepted_share, expected_calibration_error
+from semloc_core.metrics.pose_error import PoseErrors
+from semloc_core.metrics.rows import Progress, Row, no_progress
+from semloc_core.sources.hydra import HydraFile, read_hydra
+from semloc_core.text.representation import short_repr
 from semloc_core.training.config import TrainConfig
 from semloc_core.training.loop import Report, train
 

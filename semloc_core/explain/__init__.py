@@ -1,6 +1,6 @@
 """Why a place matched: one explainer a file, all of them answering with `ObjectScores`.
 
-`semloc_core.explain.similarity` is what they ask, `semloc_core.explain.explainers` lists them by name.
+`semloc_core.explain.similarity` is what they ask, `semloc_core.explain.explainers.by_name` lists them by name.
 """
 
 from semloc_core.explain.scores import ObjectScores, class_scores, object_scores

@@ -9,20 +9,20 @@ import msgspec
 import numpy as np
 import torch
 
-from semloc_core.answer import Located
+from semloc_core.encoding.variants.perturbed import PerturbedEncoder
 from semloc_core.errors import ConfigError, GraphError, MapError, SemlocError
 from semloc_core.explain.counterfactual import counterfactual, why_not
-from semloc_core.explain.explainers import CONTROLS, EXPLAINERS, explain
+from semloc_core.explain.explainers.by_name import CONTROLS, EXPLAINERS, explain
 from semloc_core.explain.fidelity import BUDGET, own_fidelity
 from semloc_core.explain.layout_scores import LAYOUT, layout_attributions
-from semloc_core.explain.perturbed import PerturbedEncoder
 from semloc_core.explain.scores import class_scores, object_scores
 from semloc_core.explain.similarity import SimilarityQuery
-from semloc_core.explain.without import without_classes
-from semloc_core.layout.evidence import Evidence, evidence_at
+from semloc_core.explain.without_class import without_classes
 from semloc_core.map_database import LoadedMap
-from semloc_core.messages import ExplainRequest, Explanation, MethodAttributions, PlaceEvidence
-from semloc_core.reranker import verifier_of
+from semloc_core.matching.answer import Located
+from semloc_core.matching.layout.evidence import Evidence, evidence_at
+from semloc_core.matching.reranker import verifier_of
+from semloc_core.wire.messages import ExplainRequest, Explanation, MethodAttributions, PlaceEvidence
 
 if TYPE_CHECKING:  # the localiser explains its own answers
     from semloc_core.localiser import Localiser

@@ -12,19 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core.encoding.place_graph.free_space import place_cells
 from semloc_core.errors import MapError
-from semloc_core.graph_arrays import Floats, GraphArrays, Ints
-from semloc_core.labelspace import Labelspace
+from semloc_core.graph.arrays import Floats, GraphArrays, Ints
+from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.map_database.history import ClassChange, History, ObjectBelief, Traversal
-from semloc_core.map_database.search import similarity_matrix
+from semloc_core.map_database.search.exact import similarity_matrix
 from semloc_core.map_merge.align import Alignment, Scene, align, match_objects
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.persistence import Observation, Verdict, judge
 from semloc_core.map_merge.places import PlaceMatch, match_places
 from semloc_core.map_merge.revise import Revision, revise
-from semloc_core.place_graph.free_space import place_cells
-from semloc_core.scene_graph import SceneGraph
-from semloc_core.short_repr import short_repr
+from semloc_core.text.representation import short_repr
 
 
 @short_repr

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from semloc_core.graph_arrays import Floats, Ints
+from semloc_core.graph.arrays import Floats, Ints
+from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.map_database.history import FIRST_SEEN, History, ObjectBelief
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.persistence import Verdict
 from semloc_core.map_merge.places import PlaceMatch
 from semloc_core.map_merge.transform import Transform
-from semloc_core.scene_graph import SceneGraph
-from semloc_core.short_repr import short_repr
-from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
+from semloc_core.text.representation import short_repr
+from semloc_core.wire.codec import Object, Place, Position, SceneGraphUpdate
 
 if TYPE_CHECKING:
     from semloc_core.map_merge.merge import Side

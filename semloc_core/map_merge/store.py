@@ -7,8 +7,10 @@ from collections.abc import Mapping, Sequence
 import msgspec
 import numpy as np
 
+from semloc_core.encoding.model import Model, embed_graph
 from semloc_core.errors import MapError
-from semloc_core.graph_arrays import GraphArrays
+from semloc_core.graph.arrays import GraphArrays
+from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.map_database.history import (
     MAX_HISTORY_BYTES,
     Before,
@@ -19,13 +21,11 @@ from semloc_core.map_database.history import (
     unpack_history,
 )
 from semloc_core.map_database.protocols import ReadableMap, WritableMap
-from semloc_core.map_database.records import PackedGraph, pack_graph, unpack_graph
+from semloc_core.map_database.stored.records import PackedGraph, pack_graph, unpack_graph
 from semloc_core.map_database.weights import class_weights, object_weights
 from semloc_core.map_merge.align import Alignment
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.merge import Merged, Side, lay, merge
-from semloc_core.model import Model, embed_graph
-from semloc_core.scene_graph import SceneGraph
 
 
 def merge_into(

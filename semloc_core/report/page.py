@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 
-from semloc_core.evaluate.rows import Row
-from semloc_core.evaluate.table import cell, columns
-from semloc_core.short_repr import short_repr
+from semloc_core.metrics.rows import Row
+from semloc_core.metrics.table import cell, columns
+from semloc_core.text.representation import short_repr
 
 
 @short_repr

@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
+from semloc_core.encoding.model import Model, embed_graph, embed_places
 from semloc_core.errors import GraphError
-from semloc_core.evaluate import metrics
-from semloc_core.evaluate.rows import Row
-from semloc_core.evaluate.walks import WalkConfig, walk
-from semloc_core.graph_arrays import Floats, GraphArrays, Ints
-from semloc_core.model import Model, embed_graph, embed_places
+from semloc_core.graph.arrays import Floats, GraphArrays, Ints
+from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics.rows import Row
+from semloc_core.sources.simulate.walks import WalkConfig, walk
 from semloc_core.training.config import PERTURBATIONS
-from semloc_core.training.perturb import perturb
 from semloc_core.training.split import PARTS, Split
+from semloc_core.training.views.perturb import perturb
 
 QUERIES = 200
 """Held-out places that are asked about in all buildings together, at least, if so many runs (`MOST_RUNS`) have them."""

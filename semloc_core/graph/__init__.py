@@ -1,0 +1,1 @@
+"""The scene graph: as the robot knows it, as a stream of updates, and frozen into arrays. No torch here."""

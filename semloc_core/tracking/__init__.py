@@ -1,0 +1,1 @@
+"""From answer to answer: a Bayes filter over the places of a map."""
