@@ -35,11 +35,12 @@ $(VENV)/.test: $(VENV)/.tools
 demo: $(VENV)/.tools ## replay a simulated run against a map: matches, attributions, a report in out/demo
 	sh tools/demo.sh $(PY) $(OUT)/demo
 
-test: lint types unit ## ruff, mypy and the whole test suite
+test: lint types unit ## ruff, the order of the rooms, mypy and the whole test suite
 
 lint: $(VENV)/.test
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/lint-imports --no-cache
 
 types: $(VENV)/.test
 	$(VENV)/bin/mypy

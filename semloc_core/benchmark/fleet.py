@@ -21,7 +21,7 @@ from semloc_core.fleet.file_source import LoadedSource
 from semloc_core.fleet.holdings import Holdings
 from semloc_core.fleet.link import Link
 from semloc_core.fleet.localiser import FleetLocaliser
-from semloc_core.fleet.shortlist import ShortlistConfig
+from semloc_core.fleet.narrowing import ShortlistConfig
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap, MapDatabase, load
 from semloc_core.map_database.loaded import StoredBuilding

@@ -113,9 +113,9 @@ def train(
     from semloc_core.graph.classes import Reading
     from semloc_core.training.config import DEFAULT_ENCODER, PERTURBATIONS, train_config
     from semloc_core.training.curve import plot_curve
+    from semloc_core.training.held_out import own_validation
     from semloc_core.training.loop import Report
     from semloc_core.training.loop import train as run_training
-    from semloc_core.training.own_validation import own_validation
 
     begun = load_model(start) if start is not None else None
     reading = Reading.of(labelspace, synonyms, begun.labelspace if begun is not None else None)

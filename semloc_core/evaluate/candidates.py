@@ -18,7 +18,7 @@ from semloc_core.errors import GraphError
 from semloc_core.evaluate.relocalise import BASELINES, Arena, fitted, make_arena, read_buildings
 from semloc_core.graph.arrays import Floats, GraphArrays, Ints
 from semloc_core.graph.labelspace import Labelspace, union
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.metrics.rows import Progress, Row, no_progress
 from semloc_core.sources.simulate.walks import WalkConfig, walk
 

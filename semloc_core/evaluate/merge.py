@@ -26,7 +26,7 @@ from semloc_core.map_database.weights import class_weights, object_weights
 from semloc_core.map_merge import MergeConfig, Side, merge
 from semloc_core.map_merge.store import side
 from semloc_core.map_merge.transform import Transform
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.metrics.rows import Progress, Row, no_progress
 
 RIGHT_M = 0.5

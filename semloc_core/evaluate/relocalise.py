@@ -27,7 +27,7 @@ from semloc_core.graph.labelspace import Labelspace, union
 from semloc_core.graph.storeys import storey_at
 from semloc_core.matching.layout import fragment_of_arrays
 from semloc_core.matching.layout.pose.placed import Placed
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.metrics.calibration import accepted_share, expected_calibration_error
 from semloc_core.metrics.pose_error import PoseErrors
 from semloc_core.metrics.rows import Progress, Row, no_progress

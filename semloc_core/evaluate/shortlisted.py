@@ -11,7 +11,7 @@ from semloc_core.encoding.model import embed_graph
 from semloc_core.errors import GraphError
 from semloc_core.evaluate.fit_confidence import draw_buildings
 from semloc_core.evaluate.online.fragments import embed_walk
-from semloc_core.fleet.shortlist import ShortlistConfig, shortlist
+from semloc_core.fleet.narrowing import ShortlistConfig, shortlist
 from semloc_core.fleet.source import Nearest
 from semloc_core.map_database.search.exact import ExactSearch
 from semloc_core.metrics.rows import Progress, Row, no_progress

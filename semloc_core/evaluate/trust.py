@@ -28,7 +28,7 @@ from semloc_core.matching.layout import Fragment, LayoutVerifier, Verified
 from semloc_core.matching.layout.confidence import confidence
 from semloc_core.matching.layout.pose.placed import Placed, placed
 from semloc_core.matching.posterior import IN_MAP
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.metrics.rows import Progress, Row, no_progress
 from semloc_core.sources.simulate.walks import WalkConfig
 from semloc_core.text.representation import short_repr

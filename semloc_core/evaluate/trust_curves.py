@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from semloc_core.evaluate.trust import Judged, Study, strangers
 from semloc_core.evaluate.verified_answers import add_error
 from semloc_core.graph.arrays import Floats
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.metrics.calibration import BINS, expected_calibration_error
 from semloc_core.metrics.pose_error import PoseErrors
 from semloc_core.metrics.rows import Row

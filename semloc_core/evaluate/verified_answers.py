@@ -11,7 +11,7 @@ from semloc_core.graph.arrays import Floats, GraphArrays, Ints
 from semloc_core.matching.layout import Fragment, LayoutVerifier, Verified, fragment_of_arrays
 from semloc_core.matching.layout.confidence import SHARPNESS, confidence
 from semloc_core.matching.layout.pose.placed import Placed, placed
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.metrics.pose_error import PoseErrors
 from semloc_core.sources.simulate.drift import Frame
 from semloc_core.sources.simulate.walks import Bools, Walk

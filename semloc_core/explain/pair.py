@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -24,26 +23,12 @@ from semloc_core.matching.layout.evidence import Evidence, evidence_at
 from semloc_core.matching.reranker import verifier_of
 from semloc_core.wire.messages import ExplainRequest, Explanation, MethodAttributions, PlaceEvidence
 
-if TYPE_CHECKING:  # the localiser explains its own answers
-    from semloc_core.localiser import Localiser
-
 SEED = 0
 """Explainers that sample start from it at every request, so that the same question has the same answer."""
 
 
-def answer_request(localiser: Localiser, request: ExplainRequest) -> Explanation:
-    """Answer a request on the graph and the map as they are; what can't be answered says why in ``error``.
-
-    Args:
-        localiser: brings the graph, the map and the frame.
-        request: which query and place; see `ExplainRequest`.
-
-    """
-    return answer_query(localiser.ask(request.query_place), request)
-
-
 def answer_query(located: Located, request: ExplainRequest) -> Explanation:
-    """Answer a request on an answer that was given before: needs no graph, so any process can do it.
+    """Answer a request on an answer: needs no graph, so any process can do it; what can't be said is in ``error``.
 
     Args:
         located: the answer for the place asked about (`semloc_core.localiser.Localiser.ask`).

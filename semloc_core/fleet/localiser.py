@@ -21,7 +21,7 @@ from semloc_core.encoding.model import Model
 from semloc_core.errors import MapError, MapUnavailableError
 from semloc_core.fleet.holdings import Holdings, Key, key_of
 from semloc_core.fleet.link import Link
-from semloc_core.fleet.shortlist import ShortlistConfig, shortlist
+from semloc_core.fleet.narrowing import ShortlistConfig, shortlist
 from semloc_core.fleet.source import Catalogue
 from semloc_core.graph.labelspace import Labelspace
 from semloc_core.localiser import Localiser

@@ -9,7 +9,7 @@ import numpy as np
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import MapUnavailableError
 from semloc_core.fleet.milvus.address import is_address, parse_address
-from semloc_core.fleet.shortlist import ShortlistConfig
+from semloc_core.fleet.narrowing import ShortlistConfig
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import load
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from semloc_core.encoding.model import Model, embed_graph
 from semloc_core.graph.arrays import GraphArrays
 from semloc_core.graph.labelspace import Labelspace
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.training.split import positive_pairs
 
 Floats = NDArray[np.float64]

@@ -10,7 +10,7 @@ from semloc_core.explain.explainers.by_name import CONTROLS
 from semloc_core.explain.fidelity import BUDGET
 from semloc_core.introspection.run import Run
 from semloc_core.introspection.whole_map import INVERTED
-from semloc_core.metrics.bootstrap import bootstrap, squares
+from semloc_core.metrics.intervals import bootstrap, squares
 from semloc_core.metrics.rows import Row
 
 DRAWS = 400

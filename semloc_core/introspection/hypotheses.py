@@ -25,8 +25,8 @@ from semloc_core.introspection.class_ablation import without_class
 from semloc_core.introspection.class_lift import lift, of_class
 from semloc_core.introspection.mobility_study import MobilityRun
 from semloc_core.introspection.run import ABLATION, Run
-from semloc_core.metrics import retrieval as metrics
-from semloc_core.metrics.bootstrap import Statistic, bootstrap, squares
+from semloc_core.metrics import precision_recall as metrics
+from semloc_core.metrics.intervals import Statistic, bootstrap, squares
 from semloc_core.metrics.rows import Row
 from semloc_core.metrics.weighted_precision import WeightedPrecision
 from semloc_core.training.split import positive_pairs

@@ -12,7 +12,7 @@ from semloc_core.encoding.encoder import build_encoder
 from semloc_core.encoding.model import Model, embed_graph
 from semloc_core.graph.arrays import GraphArrays
 from semloc_core.introspection.run import Run
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.text.representation import short_repr
 from semloc_core.training.split import positive_pairs
 

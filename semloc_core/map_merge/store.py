@@ -25,7 +25,8 @@ from semloc_core.map_database.stored.records import PackedGraph, pack_graph, unp
 from semloc_core.map_database.weights import class_weights, object_weights
 from semloc_core.map_merge.align import Alignment
 from semloc_core.map_merge.config import MergeConfig
-from semloc_core.map_merge.merge import Merged, Side, lay, merge
+from semloc_core.map_merge.merging import Merged, lay, merge
+from semloc_core.map_merge.sides import Side
 
 
 def merge_into(

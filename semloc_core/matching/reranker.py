@@ -145,7 +145,7 @@ class Reranker:
         return Reranked(Ranking(shown, separate, probability, sure.in_map), found, fragment)
 
     def placed(self, tested: Reranked, rows: Sequence[int], near: bool = False) -> Mapping[int, Placed]:
-        """Where the robot's frame lies in the buildings of rows of the map, as `semloc_core.matching.layout.pose.placed.placed`."""
+        """Where the robot's frame lies in the buildings of rows of the map, see `layout.pose.placed`."""
         return placed(self._verifier.mapped, tested.fragment, tested.verified, rows, near)
 
     def evidence(self, tested: Reranked, row: int) -> Evidence | None:

@@ -11,8 +11,9 @@ import torch
 from torch import Tensor
 
 from semloc_core.encoding.encoder.base import Encoder
+from semloc_core.encoding.similarity import similarity_matrix
 from semloc_core.graph.arrays import Floats
-from semloc_core.metrics.retrieval import pr_auc, similarity_matrix
+from semloc_core.metrics.precision_recall import pr_auc
 from semloc_core.text.representation import short_repr
 from semloc_core.training.config import TrainConfig
 from semloc_core.training.losses import build_loss, ignore_radius

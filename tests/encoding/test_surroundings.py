@@ -9,8 +9,8 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_state_machine_as_test
 
-from semloc_core.encoding.encoder.base import Extraction
 from semloc_core.encoding.place_graph import extract
+from semloc_core.encoding.place_graph.extraction import Extraction
 from semloc_core.encoding.surroundings import Surroundings
 from semloc_core.errors import GraphError
 from semloc_core.graph.labelspace import Labelspace

@@ -7,8 +7,8 @@ import semloc_core.fleet.open_map
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import MapError
 from semloc_core.fleet.large_file import LargeMapLocaliser
+from semloc_core.fleet.narrowing import ShortlistConfig
 from semloc_core.fleet.open_map import open_localiser
-from semloc_core.fleet.shortlist import ShortlistConfig
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import load
 from semloc_core.wire import codec as wire

@@ -12,8 +12,8 @@ from semloc_core.errors import MapError, MapUnavailableError
 from semloc_core.fleet.file_source import FileSource
 from semloc_core.fleet.link import Link
 from semloc_core.fleet.localiser import FleetLocaliser
+from semloc_core.fleet.narrowing import ShortlistConfig
 from semloc_core.fleet.open_map import open_localiser
-from semloc_core.fleet.shortlist import ShortlistConfig
 from semloc_core.graph.arrays import GraphArrays
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.localiser import Localiser

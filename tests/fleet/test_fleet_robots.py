@@ -16,8 +16,8 @@ from semloc_core.fleet.link import Link
 from semloc_core.fleet.localiser import FleetLocaliser
 from semloc_core.fleet.milvus.address import MilvusAddress
 from semloc_core.fleet.milvus.source import MilvusSource
+from semloc_core.fleet.narrowing import ShortlistConfig
 from semloc_core.fleet.open_map import open_localiser
-from semloc_core.fleet.shortlist import ShortlistConfig
 from semloc_core.fleet.writing.database import FleetDatabase
 from semloc_core.graph.arrays import GraphArrays
 from semloc_core.graph.scene_graph import SceneGraph

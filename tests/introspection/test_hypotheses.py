@@ -20,7 +20,7 @@ from semloc_core.introspection.hypotheses import (
 )
 from semloc_core.introspection.mobility_study import MobilityRun, groups, mobility_study
 from semloc_core.introspection.run import introspect_run
-from semloc_core.metrics.bootstrap import bootstrap, squares
+from semloc_core.metrics.intervals import bootstrap, squares
 from semloc_core.metrics.weighted_precision import WeightedPrecision
 from semloc_core.training.config import TrainConfig
 

@@ -18,7 +18,7 @@ from semloc_core.map_database.history import ClassChange, History, ObjectBelief
 from semloc_core.map_database.weights import class_weights, object_weights
 from semloc_core.map_merge import MergeConfig, merge
 from semloc_core.map_merge.edit import without_places
-from semloc_core.map_merge.merge import Merged
+from semloc_core.map_merge.merging import Merged
 from semloc_core.map_merge.persistence import Observation, judge
 from semloc_core.map_merge.store import side
 from semloc_core.map_merge.transform import Transform, fit_transform

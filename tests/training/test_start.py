@@ -10,8 +10,8 @@ from semloc_core.encoding.encoder import build_encoder
 from semloc_core.encoding.model import Model
 from semloc_core.errors import TrainingError
 from semloc_core.graph.labelspace import Labelspace
+from semloc_core.training.held_out import own_validation
 from semloc_core.training.loop import train
-from semloc_core.training.own_validation import own_validation
 from semloc_core.training.split import split_places
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from semloc_core.cli.evaluate import merge as evaluate_merge
-from semloc_core.cli.evaluate import shortlist as evaluate_fleet
+from semloc_core.cli.evaluate import shortlist
 from semloc_core.cli.evaluate import trust as evaluate_trust
 from semloc_core.cli.shared.common import (
     Json,
@@ -28,7 +28,7 @@ from semloc_core.cli.shared.screen import print_pivot
 app = App(no_args_is_help=True, help="Measure: the paper's protocol, and whole buildings.")
 app.command("merge")(evaluate_merge.merge)
 app.command("trust")(evaluate_trust.trust)
-app.command("shortlist")(evaluate_fleet.evaluate_shortlist)
+app.command("shortlist")(shortlist.shortlist)
 
 
 @app.command("office")

@@ -9,10 +9,11 @@ import msgspec
 import torch
 
 from semloc_core.encoding.encoder.bag_of_words import BagOfWordsEncoder, HistogramEncoder, TfidfEncoder
-from semloc_core.encoding.encoder.base import Encoded, Encoder, Extraction
+from semloc_core.encoding.encoder.base import Encoded, Encoder
 from semloc_core.encoding.encoder.geodesic_attention import GeodesicAttentionEncoder
 from semloc_core.encoding.encoder.paper.encoder import PaperEncoder
 from semloc_core.encoding.encoder.rings import RingsEncoder
+from semloc_core.encoding.place_graph.extraction import Extraction
 from semloc_core.errors import ConfigError
 
 ENCODERS: dict[str, type[Encoder]] = {

@@ -11,8 +11,9 @@ import torch.nn.functional as F
 from msgspec import Meta
 from torch import Tensor
 
-from semloc_core.encoding.encoder.base import Encoder, Extraction
+from semloc_core.encoding.encoder.base import Encoder
 from semloc_core.encoding.place_graph import Batch
+from semloc_core.encoding.place_graph.extraction import Extraction
 
 
 class BagOfWordsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -11,10 +11,11 @@ import torch
 from msgspec import Meta
 from torch import Tensor, nn
 
-from semloc_core.encoding.encoder.base import Encoded, Encoder, Extraction, start_generator
+from semloc_core.encoding.encoder.base import Encoded, Encoder, start_generator
 from semloc_core.encoding.encoder.discriminant import Discriminant, Pairs
 from semloc_core.encoding.encoder.layers import Linear
 from semloc_core.encoding.place_graph import Batch
+from semloc_core.encoding.place_graph.extraction import Extraction
 from semloc_core.errors import ConfigError, ModelError
 
 TINY = 1e-12  # a zero vector stays zero

@@ -1,8 +1,8 @@
 """Geodesic attention on one place, in numpy: what a robot asks at every update, and what its explanations ask.
 
 The same function as `semloc_core.encoding.encoder.geodesic_attention.GeodesicAttentionEncoder`, which stays the one
-that says what it is; a test holds the two together. It reckons in float64 and rounds once, so that an embedding does not hang on
-how the processor at hand orders a sum.
+that says what it is; a test holds the two together. It reckons in float64 and rounds once, so that an embedding does
+not hang on how the processor at hand orders a sum.
 """
 
 from __future__ import annotations

@@ -9,8 +9,9 @@ import torch
 from msgspec import Meta
 from torch import Tensor
 
-from semloc_core.encoding.encoder.base import Encoder, Extraction
+from semloc_core.encoding.encoder.base import Encoder
 from semloc_core.encoding.place_graph import Batch
+from semloc_core.encoding.place_graph.extraction import Extraction
 from semloc_core.errors import ConfigError
 
 FADED = 3.0  # widths from its centre at which a Gaussian counts for nothing (1 %)

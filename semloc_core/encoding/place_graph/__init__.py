@@ -7,12 +7,12 @@ A `Batch` holds query places with their surroundings. `extract` makes one of a f
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from semloc_core.encoding.place_graph.batch import Batch
 from semloc_core.encoding.place_graph.combine import repeat, union
 from semloc_core.encoding.place_graph.ego import ego_batch
 from semloc_core.encoding.place_graph.ego_rows import EgoRows
+from semloc_core.encoding.place_graph.extraction import Extraction
 from semloc_core.encoding.place_graph.reach import reach_all_batch, reach_batch, take_stars
 from semloc_core.encoding.place_graph.whole import whole_graph_batch
 from semloc_core.graph.arrays import GraphArrays
@@ -20,12 +20,10 @@ from semloc_core.graph.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.graph.visibility import Visibility
 
-if TYPE_CHECKING:  # encoders read batches, so they import this package
-    from semloc_core.encoding.encoder.base import Extraction
-
 __all__ = [
     "Batch",
     "EgoRows",
+    "Extraction",
     "ego_batch",
     "extract",
     "extract_all",

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from semloc_core.encoding.encoder.base import Extraction
 from semloc_core.encoding.place_graph import Batch, extract_all, reach_all_batch
+from semloc_core.encoding.place_graph.extraction import Extraction
 from semloc_core.graph.arrays import GraphArrays
 from semloc_core.graph.geodesic import ranges
 from semloc_core.text.representation import short_repr

@@ -13,7 +13,7 @@ from semloc_core.evaluate.online.verified import groups_of, success_rows
 from semloc_core.evaluate.relocalise import Arena
 from semloc_core.evaluate.verified_answers import turned
 from semloc_core.graph.arrays import Floats, GraphArrays
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.metrics.rows import Progress, Row, no_progress
 
 METHOD = "clipper"

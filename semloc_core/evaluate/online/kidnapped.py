@@ -10,7 +10,7 @@ from semloc_core.encoding.model import Model, embed_graph
 from semloc_core.evaluate.online.answers import OnlineWalk, Similarities, believed, steps_at, verdict
 from semloc_core.evaluate.online.fragments import answered, embed_walk, surroundings_along
 from semloc_core.evaluate.relocalise import Arena
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.metrics.calibration import accepted_share
 from semloc_core.metrics.rows import Row
 from semloc_core.tracking.place_filter import FilterConfig, MapModel, PlaceFilter

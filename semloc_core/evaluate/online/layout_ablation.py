@@ -15,7 +15,7 @@ from semloc_core.evaluate.relocalise import make_arena, read_buildings
 from semloc_core.evaluate.verified_answers import fragments_along
 from semloc_core.graph.labelspace import union
 from semloc_core.matching.layout import LayoutConfig, LayoutVerifier
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.metrics.rows import Progress, Row, no_progress
 from semloc_core.sources.simulate.walks import WalkConfig
 

@@ -32,7 +32,7 @@ from semloc_core.evaluate.online.verified import groups_of, judge_online_layout,
 from semloc_core.evaluate.relocalise import Arena, fitted, make_arena, read_buildings
 from semloc_core.evaluate.verified_answers import layout_verifier
 from semloc_core.graph.labelspace import union
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.metrics.rows import Progress, Row, no_progress
 from semloc_core.sources.simulate.walks import WalkConfig
 from semloc_core.tracking.place_filter import FilterConfig, MapModel, PlaceFilter

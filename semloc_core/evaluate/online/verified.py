@@ -14,7 +14,7 @@ from semloc_core.evaluate.verified_answers import add_error, any_frame, fragment
 from semloc_core.graph.arrays import Floats, Ints
 from semloc_core.matching.layout import LayoutVerifier
 from semloc_core.matching.layout.pose.placed import Placed
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.metrics.calibration import accepted_share, expected_calibration_error
 from semloc_core.metrics.pose_error import PoseErrors
 from semloc_core.metrics.rows import Row

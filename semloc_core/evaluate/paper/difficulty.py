@@ -13,7 +13,7 @@ import numpy as np
 
 from semloc_core.evaluate.paper.office import judge_baseline
 from semloc_core.graph.arrays import GraphArrays
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.metrics.rows import Progress, Row, no_progress
 from semloc_core.sources.world import OfficeConfig, make_office
 

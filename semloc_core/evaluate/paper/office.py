@@ -5,7 +5,7 @@ places of the same split in the other; a map place within 4 m of the query is a 
 the validation split. Bag of words is judged on the very same variants and splits.
 
 The paper words Recall@N as "the probability that a correct match appears among the top N" (success@N here), but
-its figures can only be positives found ÷ all positives (see `semloc_core.metrics.retrieval`): ``recall@N`` is that,
+its figures can only be positives found ÷ all positives (see `semloc_core.metrics`): ``recall@N`` is that,
 ``recall_ceiling@N`` the most it could be.
 """
 
@@ -21,7 +21,7 @@ from semloc_core.encoding.encoder import build_encoder
 from semloc_core.encoding.model import Model, embed_graph
 from semloc_core.graph.arrays import GraphArrays
 from semloc_core.graph.labelspace import Labelspace
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.metrics.rows import Progress, Row, no_progress
 from semloc_core.training.config import PerturbConfig, TrainConfig
 from semloc_core.training.loop import Report, train

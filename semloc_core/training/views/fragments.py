@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semloc_core.encoding.encoder.base import Extraction
 from semloc_core.encoding.place_graph import Batch, reach_all_batch, union
+from semloc_core.encoding.place_graph.extraction import Extraction
 from semloc_core.errors import ConfigError, GraphError
 from semloc_core.graph.arrays import Floats, GraphArrays
 from semloc_core.sources.simulate.walks import WalkConfig, walk

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from semloc_core.encoding.encoder.base import Extraction
 from semloc_core.encoding.place_graph import Batch, extract_all
+from semloc_core.encoding.place_graph.extraction import Extraction
 from semloc_core.graph.arrays import Floats, GraphArrays
 from semloc_core.graph.labelspace import Labelspace
 from semloc_core.text.representation import short_repr

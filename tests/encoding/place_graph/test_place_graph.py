@@ -12,7 +12,6 @@ from graph_strategies import update, valid_updates
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from semloc_core.encoding.encoder.base import Extraction
 from semloc_core.encoding.place_graph import (
     Batch,
     ego_batch,
@@ -24,6 +23,7 @@ from semloc_core.encoding.place_graph import (
     union,
     whole_graph_batch,
 )
+from semloc_core.encoding.place_graph.extraction import Extraction
 from semloc_core.errors import GraphError, LabelspaceError
 from semloc_core.graph.arrays import GraphArrays
 from semloc_core.graph.labelspace import Labelspace

@@ -11,7 +11,7 @@ from semloc_core.encoding.model import Model, embed_graph
 from semloc_core.evaluate.paper.ablation import VARIANTS, evaluate_ablation
 from semloc_core.evaluate.paper.office import evaluate_office, judge_baseline, judge_model, office_variants
 from semloc_core.graph.arrays import GraphArrays
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.sources.world import World
 from semloc_core.training.config import PerturbConfig, TrainConfig
 from semloc_core.training.split import positive_pairs, split_places

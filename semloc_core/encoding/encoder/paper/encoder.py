@@ -10,11 +10,12 @@ import torch.nn.functional as F
 from msgspec import Meta
 from torch import Tensor, nn
 
-from semloc_core.encoding.encoder.base import Encoded, Encoder, Extraction, start_generator
+from semloc_core.encoding.encoder.base import Encoded, Encoder, start_generator
 from semloc_core.encoding.encoder.layers import Linear, SumLayer, TrimmedEdges, trim
 from semloc_core.encoding.encoder.paper.credit import roll_out
 from semloc_core.encoding.encoder.paper.gatv2 import Attention, GATv2
 from semloc_core.encoding.place_graph import Batch
+from semloc_core.encoding.place_graph.extraction import Extraction
 
 TINY = 1e-12  # a zero vector stays zero
 

@@ -7,7 +7,7 @@ import pytest
 from sklearn.metrics import average_precision_score, f1_score
 
 from semloc_core.errors import ConfigError
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 
 
 def f32(rows: list[list[float]]) -> np.ndarray:

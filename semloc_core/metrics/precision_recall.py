@@ -17,8 +17,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core.encoding.similarity import similarity_matrix as similarity_matrix
 from semloc_core.errors import ConfigError
-from semloc_core.map_database.search.exact import similarity_matrix as similarity_matrix
 
 Floats = NDArray[np.float64]
 Similarities = NDArray[np.float32]

@@ -10,20 +10,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from semloc_core.encoding.place_graph.free_space import place_cells
+from semloc_core.encoding.similarity import similarity_matrix
 from semloc_core.errors import MapError
-from semloc_core.graph.arrays import Floats, GraphArrays, Ints
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph.arrays import Floats, Ints
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.map_database.history import ClassChange, History, ObjectBelief, Traversal
-from semloc_core.map_database.search.exact import similarity_matrix
-from semloc_core.map_merge.align import Alignment, Scene, align, match_objects
+from semloc_core.map_merge.align import Alignment, align, match_objects
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.persistence import Observation, Verdict, judge
 from semloc_core.map_merge.places import PlaceMatch, match_places
-from semloc_core.map_merge.revise import Revision, revise
+from semloc_core.map_merge.revise import revise
+from semloc_core.map_merge.sides import Revision, Side
 from semloc_core.text.representation import short_repr
 
 
@@ -47,46 +45,6 @@ class Merged:
     def traversal(self) -> Traversal:
         """What this traversal led to."""
         return self.history.traversals[-1]
-
-
-@short_repr
-@dataclass(frozen=True, eq=False)
-class Side:
-    """A scene graph as alignment and comparison read it.
-
-    Args:
-        graph: the graph.
-        arrays: the same as arrays, ids sorted.
-        names: class name of each object, another detector's joined to the labelspace's.
-        embeddings: (P, D) of its places.
-
-    """
-
-    graph: SceneGraph
-    arrays: GraphArrays
-    names: tuple[str, ...]
-    embeddings: NDArray[np.float32]
-
-    @classmethod
-    def of(cls, graph: SceneGraph, labelspace: Labelspace, embeddings: NDArray[np.float32]) -> Side:
-        """Freeze a graph; ``embeddings`` are of its places by rising id."""
-        arrays = GraphArrays.from_scene_graph(graph, labelspace)
-        names = tuple(labelspace.canonical(graph.objects[key].class_) for key in arrays.object_ids)
-        return cls(graph, arrays, names, embeddings)
-
-    def scene(self, number: Mapping[str, int]) -> Scene:
-        """For alignment, with classes numbered alike on both sides."""
-        arrays = self.arrays
-        parents = np.full(arrays.n_objects, -1, dtype=np.int64)
-        parents[arrays.object_parents[0][::-1]] = arrays.object_parents[1][::-1]
-        classes = np.array([number[name] for name in self.names], dtype=np.int64)
-        return Scene(arrays.object_positions, classes, parents, arrays.place_positions, self.area())
-
-    def area(self, of: NDArray[np.bool_] | None = None) -> float:
-        """Free space, m², of all places or of some."""
-        arrays = self.arrays
-        cells = place_cells(arrays.n_places, arrays.place_edges, arrays.edge_lengths())
-        return float(cells.sum() if of is None else cells[of].sum())
 
 
 def merge(

@@ -11,7 +11,7 @@ from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.encoding.model import Model, embed_graph, embed_places
 from semloc_core.errors import GraphError
 from semloc_core.graph.arrays import Floats, GraphArrays, Ints
-from semloc_core.metrics import retrieval as metrics
+from semloc_core.metrics import precision_recall as metrics
 from semloc_core.metrics.rows import Row
 from semloc_core.sources.simulate.walks import WalkConfig, walk
 from semloc_core.training.config import PERTURBATIONS
