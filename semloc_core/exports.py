@@ -12,15 +12,15 @@ from typing import Any
 
 
 @cache
-def homes(package: str) -> dict[str, str]:
-    """The names that a package hands on -> the module that each comes from.
+def homes(package: str) -> dict[str, tuple[str, str]]:
+    """The names that a package hands on -> the module that each comes from, and its name there.
 
     They are those that its source imports under ``if TYPE_CHECKING:``, where type checkers and people look for them.
     """
     tree = ast.parse(inspect.getsource(sys.modules[package]))
     blocks = [node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
     imports = [node for block in blocks for node in block.body if isinstance(node, ast.ImportFrom)]
-    return {alias.name: str(node.module) for node in imports for alias in node.names}
+    return {alias.asname or alias.name: (str(node.module), alias.name) for node in imports for alias in node.names}
 
 
 def exports(package: str) -> Callable[[str], Any]:
@@ -34,6 +34,7 @@ def exports(package: str) -> Callable[[str], Any]:
     def __getattr__(name: str) -> Any:
         if name.startswith("__") or name not in homes(package):
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        return getattr(import_module(homes(package)[name]), name)
+        module, there = homes(package)[name]
+        return getattr(import_module(module), there)
 
     return __getattr__

@@ -34,13 +34,13 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 
+from semloc_core import wire
 from semloc_core.errors import SemlocError
 from semloc_core.file_kinds import FIGURES
 from semloc_core.files import write_whole
-from semloc_core.metrics.table import document
+from semloc_core.metrics import document
 from semloc_core.outputs import Output, guarded
-from semloc_core.sources.run import read_run
-from semloc_core.wire import codec as wire
+from semloc_core.sources import read_run
 from semloc_ros import qos
 
 CORE = """

@@ -30,9 +30,9 @@ from std_msgs.msg import String
 from semloc_core.errors import SemlocError
 from semloc_core.file_kinds import FIGURES
 from semloc_core.files import write_whole
-from semloc_core.metrics.table import document
+from semloc_core.metrics import document
 from semloc_core.outputs import Output, guarded
-from semloc_core.sources.run import read_run
+from semloc_core.sources import read_run
 from semloc_ros import qos
 
 FLOOR = "import torch, numpy, rclpy; rclpy.init(); rclpy.create_node('floor'); print('up', flush=True); input()"

@@ -9,14 +9,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from semloc_core.encoding.encoder import build_encoder
-from semloc_core.encoding.model import Model, embed_graph
-from semloc_core.graph.arrays import GraphArrays
+from semloc_core import wire
+from semloc_core.encoding import Model, build_encoder, embed_graph
+from semloc_core.graph import GraphArrays
 from semloc_core.map_database import LoadedMap
-from semloc_core.sources.simulate.traversal import SimulationConfig, simulate_traversal
-from semloc_core.sources.world.office import OfficeConfig, make_office
-from semloc_core.text.representation import short_repr
-from semloc_core.wire import codec as wire
+from semloc_core.sources import OfficeConfig, SimulationConfig, make_office, simulate_traversal
+from semloc_core.text import short_repr
 
 TEMPERATURE = 0.05
 NOISE = 0.3

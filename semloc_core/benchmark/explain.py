@@ -16,17 +16,12 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from semloc_core.encoding.encoder.paper.encoder import PaperEncoder
-from semloc_core.encoding.place_graph import Batch
-from semloc_core.encoding.place_graph.cut import PlaceBatches
+from semloc_core.encoding import Batch, PaperEncoder, PlaceBatches
 from semloc_core.errors import ConfigError
-from semloc_core.explain.explainers.integrated_gradients import integrated_gradients
-from semloc_core.explain.explainers.shapley import class_shapley
-from semloc_core.explain.similarity import SimilarityQuery
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.metrics.rows import Progress, Row, no_progress
-from semloc_core.text.representation import short_repr
+from semloc_core.explain import SimilarityQuery, class_shapley, integrated_gradients
+from semloc_core.graph import GraphArrays, Labelspace
+from semloc_core.metrics import Progress, Row, no_progress
+from semloc_core.text import short_repr
 
 PLACES, COLUMNS, PITCH_M = 30, 6, 1.2
 OBJECTS, CLASSES = 30, 6

@@ -11,25 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
+from semloc_core import wire
 from semloc_core.benchmark.map_server import FleetServer
 from semloc_core.config import LocaliserConfig
-from semloc_core.encoding.general import load_general
-from semloc_core.encoding.model import embed_graph
+from semloc_core.encoding import embed_graph, load_general
 from semloc_core.errors import MapError
-from semloc_core.evaluate.fit_confidence import draw_buildings
-from semloc_core.fleet.file_source import LoadedSource
-from semloc_core.fleet.holdings import Holdings
-from semloc_core.fleet.link import Link
-from semloc_core.fleet.localiser import FleetLocaliser
-from semloc_core.fleet.narrowing import ShortlistConfig
+from semloc_core.evaluate import draw_buildings
+from semloc_core.fleet import FleetLocaliser, Holdings, Link, LoadedSource, ShortlistConfig
 from semloc_core.localiser import Localiser
-from semloc_core.map_database import LoadedMap, MapDatabase, load
-from semloc_core.map_database.loaded import StoredBuilding
-from semloc_core.map_database.stored.records import PlaceRows, pack_graph
-from semloc_core.metrics.rows import Progress, Row, no_progress
-from semloc_core.sources.simulate.traversal import SimulationConfig, simulate_traversal
-from semloc_core.sources.world import KINDS
-from semloc_core.wire import codec as wire
+from semloc_core.map_database import LoadedMap, MapDatabase, PlaceRows, StoredBuilding, load, pack_graph
+from semloc_core.metrics import Progress, Row, no_progress
+from semloc_core.sources import KINDS, SimulationConfig, simulate_traversal
 
 SIZES = (10, 200, 1000)
 ROBOTS = (1, 8, 32)

@@ -9,15 +9,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import torch
 
+from semloc_core import wire
 from semloc_core.benchmark.case import BenchCase
 from semloc_core.config import LocaliserConfig
-from semloc_core.encoding.encoder import build_encoder
-from semloc_core.encoding.model import Model
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.encoding import Model, build_encoder
+from semloc_core.graph import Labelspace
 from semloc_core.localiser import Localiser
-from semloc_core.metrics.rows import Progress, Row, no_progress
-from semloc_core.wire import codec as wire
-from semloc_core.wire.codec import Object, Place, SceneGraphUpdate
+from semloc_core.metrics import Progress, Row, no_progress
+from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 SIZES = {
     "places of the map": (1_000, 10_000, 100_000, 1_000_000),

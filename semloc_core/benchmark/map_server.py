@@ -13,11 +13,7 @@ from pathlib import Path
 from types import TracebackType
 
 from semloc_core.errors import MapUnavailableError
-from semloc_core.fleet.milvus.address import MilvusAddress
-from semloc_core.fleet.milvus.server import Server
-from semloc_core.fleet.milvus.source import MilvusSource
-from semloc_core.fleet.writing.database import FleetDatabase
-from semloc_core.fleet.writing.transfer import push
+from semloc_core.fleet import FleetDatabase, MilvusAddress, MilvusSource, Server, push
 from semloc_core.map_database import load
 
 TIMEOUT_S = 120.0

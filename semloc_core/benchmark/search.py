@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from semloc_core.benchmark.case import BenchCase
 from semloc_core.benchmark.timing import Contender, by_turns
-from semloc_core.map_database.search.exact import ExactSearch
-from semloc_core.map_database.search.inverted import InvertedSearch
-from semloc_core.metrics.rows import Progress, Row, no_progress
+from semloc_core.map_database import ExactSearch, InvertedSearch
+from semloc_core.metrics import Progress, Row, no_progress
 
 SIZES = (10_000, 100_000, 1_000_000, 4_000_000)
 K = 10

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
+from semloc_core import wire
 from semloc_core.benchmark.case import BenchCase
 from semloc_core.map_database import MapDatabase
-from semloc_core.metrics.rows import Progress, Row, no_progress
-from semloc_core.wire import codec as wire
+from semloc_core.metrics import Progress, Row, no_progress
 
 COMMAND = "import sys; sys.argv = ARGV; from semloc_core.cli import main; main()"
 PROGRAMS = {

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semloc_core.metrics.rows import Progress, Row, no_progress
+from semloc_core.metrics import Progress, Row, no_progress
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,10 @@ from torch import Tensor
 from semloc_core.benchmark.case import BenchCase
 from semloc_core.benchmark.explain import Peer
 from semloc_core.benchmark.timing import Contender, by_turns
-from semloc_core.encoding.encoder.paper.encoder import PaperEncoder
-from semloc_core.encoding.place_graph import Batch, extract_all
+from semloc_core.encoding import Batch, PaperEncoder, extract_all
 from semloc_core.errors import ConfigError
-from semloc_core.metrics.rows import Progress, Row, no_progress
-from semloc_core.training.losses import infonce
+from semloc_core.metrics import Progress, Row, no_progress
+from semloc_core.training import infonce
 
 ROOTS = 256
 

@@ -13,16 +13,15 @@ from typing import TypeVar
 import numpy as np
 import torch
 
+from semloc_core import wire
 from semloc_core.benchmark.case import BenchCase
 from semloc_core.benchmark.explain import Peer
 from semloc_core.benchmark.timing import timed_row
 from semloc_core.config import LocaliserConfig
-from semloc_core.encoding.encoder.paper.encoder import PaperEncoder
-from semloc_core.explain.explainers.by_name import explain
-from semloc_core.explain.similarity import SimilarityQuery
+from semloc_core.encoding import PaperEncoder
+from semloc_core.explain import SimilarityQuery, explain
 from semloc_core.localiser import Localiser
-from semloc_core.metrics.rows import Progress, Row, no_progress
-from semloc_core.wire import codec as wire
+from semloc_core.metrics import Progress, Row, no_progress
 
 T = TypeVar("T")
 

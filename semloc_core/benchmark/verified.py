@@ -10,24 +10,18 @@ from typing import TypeVar
 import numpy as np
 import torch
 
+from semloc_core import wire
 from semloc_core.benchmark.case import TEMPERATURE, BenchCase
 from semloc_core.benchmark.timing import timed_row
 from semloc_core.config import LocaliserConfig
-from semloc_core.encoding.encoder import build_encoder
-from semloc_core.encoding.model import Model, embed_graph
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.encoding import Model, build_encoder, embed_graph
+from semloc_core.graph import GraphArrays, SceneGraph
 from semloc_core.localiser import Localiser
-from semloc_core.map_database import LoadedMap
-from semloc_core.map_database.stored.write import stored_building
-from semloc_core.matching.answer import Located
-from semloc_core.matching.layout import fragment_of_graph
-from semloc_core.matching.layout.confidence import confidence
-from semloc_core.metrics.rows import Progress, Row, no_progress
-from semloc_core.sources.simulate.traversal import SimulationConfig, simulate_traversal
-from semloc_core.sources.world import KINDS, draw_pair
-from semloc_core.text.representation import short_repr
-from semloc_core.wire import codec as wire
+from semloc_core.map_database import LoadedMap, stored_building
+from semloc_core.matching import Located, confidence, fragment_of_graph
+from semloc_core.metrics import Progress, Row, no_progress
+from semloc_core.sources import KINDS, SimulationConfig, draw_pair, simulate_traversal
+from semloc_core.text import short_repr
 
 T = TypeVar("T")
 Times = dict[str, tuple[float, float]]

@@ -59,10 +59,8 @@ def simulate(
     """
     import numpy as np
 
-    from semloc_core.graph.classes import Reading, advice
-    from semloc_core.graph.labelspace import listed, number_of
-    from semloc_core.sources.run import write_run
-    from semloc_core.sources.simulate import SimulationConfig, simulate_traversal
+    from semloc_core.graph import Reading, advice, listed, number_of
+    from semloc_core.sources import SimulationConfig, simulate_traversal, write_run
 
     file = read_graph(graph, Reading.of(labelspace, synonyms))
     numbers = Counter(thing.class_ for thing in file.graph.objects.values() if number_of(thing.class_) is not None)

@@ -23,11 +23,11 @@ from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import ConfigError, GraphError
 from semloc_core.file_kinds import MESSAGES
 from semloc_core.files import write_whole
-from semloc_core.graph.node_ids import full_id, short_id
+from semloc_core.graph import full_id, short_id
 
 if TYPE_CHECKING:
-    from semloc_core.graph.scene_graph import SceneGraph
-    from semloc_core.matching.answer import Located
+    from semloc_core.graph import SceneGraph
+    from semloc_core.matching import Located
 
 NO_RIVALS = "expected an answer with rivals (got none: no other place is nearly as likely)"
 
@@ -76,13 +76,12 @@ def explain(
 
     Ids are printed as p86 or O12 where they are Hydra's, and are taken so, or whole.
     """
+    from semloc_core import wire
     from semloc_core.cli.explained import print_answer, print_brief, print_explanation
-    from semloc_core.explain.pair import asked_methods, check_asked, explain_pair
-    from semloc_core.graph.classes import Reading, advice, all_unknown
-    from semloc_core.graph.labelspace import count_unknown
+    from semloc_core.explain import asked_methods, check_asked, explain_pair
+    from semloc_core.graph import Reading, advice, all_unknown, count_unknown
     from semloc_core.localiser import Localiser
     from semloc_core.map_database import load
-    from semloc_core.wire import codec as wire
 
     chosen = None if methods is None else [name.strip() for name in methods.split(",")]
     check_asked(chosen or [])
@@ -123,7 +122,7 @@ def _map_row(
     located: Located, building: str | None, place: str | None, near: str | None, rival: int | None, within: float
 ) -> int:
     """The row of the map place that the options mean."""
-    from semloc_core.explain.pair import find_row
+    from semloc_core.explain import find_row
 
     if sum(option is not None for option in (place, near, rival)) > 1:
         raise ConfigError("expected one of --place, --place-near and --rival (got more)")

@@ -10,10 +10,10 @@ from rich.table import Table
 from rich.text import Text
 
 from semloc_core.cli.shared.screen import console, cut, print_whole
-from semloc_core.explain.layout_scores import LAYOUT
-from semloc_core.graph.node_ids import short_id
-from semloc_core.text.shares import percent
-from semloc_core.wire.messages import (
+from semloc_core.explain import LAYOUT
+from semloc_core.graph import short_id
+from semloc_core.text import percent
+from semloc_core.wire import (
     ClassAttribution,
     Counterfactual,
     Explanation,

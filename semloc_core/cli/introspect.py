@@ -69,21 +69,14 @@ def introspect(
 
     On a GRAPH it trains an encoder a seed; on a MAP it studies the map's own, on variants of the building by the seeds.
     """
-    from semloc_core.explain.explainers.by_name import EXPLAINERS, check_methods
-    from semloc_core.explain.fidelity import BUDGET
+    from semloc_core.explain import BUDGET, EXPLAINERS, check_methods
     from semloc_core.file_kinds import MAP, kind_of
-    from semloc_core.graph.arrays import GraphArrays
-    from semloc_core.graph.classes import Reading
-    from semloc_core.graph.labelspace import count_unknown
-    from semloc_core.introspection.checks import check_lines
-    from semloc_core.introspection.hypotheses import overall
-    from semloc_core.introspection.mobility_study import MOVED_M
-    from semloc_core.introspection.rows import ranking_rows
-    from semloc_core.introspection.sanity import mean_rows
-    from semloc_core.introspection.study import introspect as study
+    from semloc_core.graph import GraphArrays, Reading, count_unknown
+    from semloc_core.introspection import MOVED_M, check_lines, mean_rows, overall, ranking_rows
+    from semloc_core.introspection import introspect as study
     from semloc_core.map_database import load
-    from semloc_core.metrics.table import cell, document, print_table
-    from semloc_core.training.config import train_config
+    from semloc_core.metrics import cell, document, print_table
+    from semloc_core.training import train_config
 
     chosen = list(EXPLAINERS) if methods is None else [name.strip() for name in methods.split(",")]
     check_methods(chosen)
@@ -145,8 +138,7 @@ def introspect(
     if json_file is not None:
         write_whole(json_file, document("introspect", seed, [str(source)], [*table, *found.rows]))
     if output is not None or keep_file is not None:
-        from semloc_core.report.introspection.page import introspection_page
-        from semloc_core.report.kept_page import keep
+        from semloc_core.report import introspection_page, keep
 
         page = introspection_page(found, arrays.name)
         if keep_file is not None:

@@ -6,9 +6,8 @@ from rich.console import Console
 from rich.table import Table
 
 from semloc_core.cli.shared.screen import many, print_whole
-from semloc_core.replay.recorded import ReplaySummary
-from semloc_core.replay.traversal_score import FROM_METRES
-from semloc_core.text.shares import percent
+from semloc_core.replay import FROM_METRES, ReplaySummary
+from semloc_core.text import percent
 
 MEASURES = {
     "queries": "answers",

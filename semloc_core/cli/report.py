@@ -52,10 +52,7 @@ def replay(
 ) -> None:
     """One HTML page of a replay: floor plan with path and matches, statuses, confidence, class shares, confusions."""
     from semloc_core.map_database import load
-    from semloc_core.report.kept_page import kept
-    from semloc_core.report.page import joined
-    from semloc_core.report.replay.data import read_results
-    from semloc_core.report.replay.page import replay_page
+    from semloc_core.report import joined, kept, read_results, replay_page
 
     beside = kept(study) if study is not None else None
     loaded = load(map_file)
@@ -76,7 +73,7 @@ def study(
     ],
 ) -> None:
     """One HTML page of a study of explanations."""
-    from semloc_core.report.kept_page import kept
+    from semloc_core.report import kept
 
     text = kept(kept_file).html()
     write_whole(output, text.encode())
@@ -98,8 +95,7 @@ def picture(
 ) -> None:
     """One picture of a replay's clearest answer: floor plan, path, top match, and the classes that carried it."""
     from semloc_core.map_database import load
-    from semloc_core.report.replay.data import read_results
-    from semloc_core.report.replay.picture import answer_picture
+    from semloc_core.report import answer_picture, read_results
 
     loaded = load(map_file)
     content = answer_picture(

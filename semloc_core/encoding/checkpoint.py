@@ -22,7 +22,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from semloc_core.errors import ModelError
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph import Labelspace
 
 VERSION = 1
 MAX_BYTES = 256 * 2**20

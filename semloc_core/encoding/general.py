@@ -12,9 +12,8 @@ from pathlib import Path
 
 from semloc_core.encoding.model import Model
 from semloc_core.errors import ModelError
-from semloc_core.graph.classes import advice
-from semloc_core.graph.labelspace import all_numbers, listed
-from semloc_core.text.shares import percent
+from semloc_core.graph import advice, all_numbers, listed
+from semloc_core.text import percent
 
 FOLDER = Path(str(resources.files("semloc_core.encoding"))) / "general_models"
 LEAST_KNOWN = 0.5

@@ -17,9 +17,8 @@ from semloc_core.encoding.encoder import Encoder, build_encoder
 from semloc_core.encoding.place_graph import Batch
 from semloc_core.errors import ConfigError, LabelspaceError, ModelError
 from semloc_core.files import write_whole
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.text.representation import short_repr
+from semloc_core.graph import GraphArrays, Labelspace
+from semloc_core.text import short_repr
 
 ROOTS_AT_ONCE = 1024  # places a batch, where each place brings copies of the objects in its reach
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from semloc_core.encoding.place_graph import Batch, EgoRows, reach_batch
 from semloc_core.encoding.place_graph.extraction import Extraction
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.graph.scene_graph import Change, SceneGraph
-from semloc_core.graph.visibility import Visibility
+from semloc_core.graph import Change, Labelspace, SceneGraph, Visibility
 
 
 class Surroundings:

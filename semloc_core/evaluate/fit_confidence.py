@@ -21,14 +21,12 @@ from semloc_core.errors import GraphError, SemlocError
 from semloc_core.evaluate.verified_answers import fragments_along, layout_verifier
 from semloc_core.file_kinds import CALIBRATION
 from semloc_core.files import write_whole
-from semloc_core.graph.arrays import Floats, GraphArrays
-from semloc_core.graph.labelspace import Labelspace, load_labelspace
-from semloc_core.graph.storeys import storey_at
-from semloc_core.matching.layout import LayoutVerifier
-from semloc_core.matching.layout.confidence import (
+from semloc_core.graph import Floats, GraphArrays, Labelspace, load_labelspace, storey_at
+from semloc_core.matching import (
     FEATURES,
     MOST_SURE,
     Calibration,
+    LayoutVerifier,
     Tested,
     features,
     near_figures,
@@ -36,11 +34,9 @@ from semloc_core.matching.layout.confidence import (
     perfect,
 )
 from semloc_core.outputs import Output, guarded
-from semloc_core.sources.simulate.walks import WalkConfig, walk
-from semloc_core.sources.world import KINDS, BuildingKind, draw_pair, draw_stacked
-from semloc_core.text.representation import short_repr
-from semloc_core.training.config import PerturbConfig
-from semloc_core.training.views.perturb import perturb
+from semloc_core.sources import KINDS, BuildingKind, WalkConfig, draw_pair, draw_stacked, walk
+from semloc_core.text import short_repr
+from semloc_core.training import PerturbConfig, perturb
 
 BUILDINGS = 24
 """Buildings of each kind."""

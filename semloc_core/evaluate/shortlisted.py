@@ -6,17 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from semloc_core.encoding.general import load_general
-from semloc_core.encoding.model import embed_graph
+from semloc_core.encoding import embed_graph, load_general
 from semloc_core.errors import GraphError
 from semloc_core.evaluate.fit_confidence import draw_buildings
 from semloc_core.evaluate.online.fragments import embed_walk
-from semloc_core.fleet.narrowing import ShortlistConfig, shortlist
-from semloc_core.fleet.source import Nearest
-from semloc_core.map_database.search.exact import ExactSearch
-from semloc_core.metrics.rows import Progress, Row, no_progress
-from semloc_core.sources.simulate.walks import WalkConfig, walk
-from semloc_core.sources.world import KINDS
+from semloc_core.fleet import Nearest, ShortlistConfig, shortlist
+from semloc_core.map_database import ExactSearch
+from semloc_core.metrics import Progress, Row, no_progress
+from semloc_core.sources import KINDS, WalkConfig, walk
 
 SCOPES_M = (0.0, 5.0, 10.0, 20.0, 40.0)
 LIMITS = tuple(

@@ -7,15 +7,21 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph.arrays import Floats, GraphArrays, Ints
-from semloc_core.matching.layout import Fragment, LayoutVerifier, Verified, fragment_of_arrays
-from semloc_core.matching.layout.confidence import SHARPNESS, confidence
-from semloc_core.matching.layout.pose.placed import Placed, placed
-from semloc_core.metrics import precision_recall as metrics
-from semloc_core.metrics.pose_error import PoseErrors
-from semloc_core.sources.simulate.drift import Frame
-from semloc_core.sources.simulate.walks import Bools, Walk
-from semloc_core.tracking.place_filter import MapModel
+from semloc_core import metrics
+from semloc_core.graph import Floats, GraphArrays, Ints
+from semloc_core.matching import (
+    SHARPNESS,
+    Fragment,
+    LayoutVerifier,
+    Placed,
+    Verified,
+    confidence,
+    fragment_of_arrays,
+    placed,
+)
+from semloc_core.metrics import PoseErrors
+from semloc_core.sources import Bools, Frame, Walk
+from semloc_core.tracking import MapModel
 
 Similarities = NDArray[np.float32]
 

@@ -12,8 +12,8 @@ from semloc_core.explain.fidelity import own_fidelity
 from semloc_core.explain.layout_scores import LAYOUT, layout_attributions
 from semloc_core.explain.scores import class_scores, object_scores
 from semloc_core.explain.similarity import SimilarityQuery
-from semloc_core.matching.answer import Located
-from semloc_core.wire.messages import ClassAttributions, MethodAttributions
+from semloc_core.matching import Located
+from semloc_core.wire import ClassAttributions, MethodAttributions
 
 EXPLAINER_SEED = 0
 """Explainers that sample start from it at every answer: a replay explains as the node did, also from its middle."""

@@ -16,13 +16,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from semloc_core.encoding.place_graph import extract
+from semloc_core.encoding import extract
 from semloc_core.explain.intrinsic import intrinsic_scores
 from semloc_core.explain.scores import class_scores
-from semloc_core.graph.visibility import Visibility
-from semloc_core.map_database.loaded import LoadedMap
-from semloc_core.text.representation import short_repr
-from semloc_core.text.shares import percent
+from semloc_core.graph import Visibility
+from semloc_core.map_database import LoadedMap
+from semloc_core.text import percent, short_repr
 
 Floats = NDArray[np.float64]
 Mix = Mapping[str, float]

@@ -8,9 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from semloc_core.encoding.encoder.base import Encoded, Encoder
-from semloc_core.encoding.place_graph import Batch, repeat
-from semloc_core.encoding.variants.perturbed import products
+from semloc_core.encoding import Batch, Encoded, Encoder, products, repeat
 from semloc_core.explain.scores import ObjectScores
 
 

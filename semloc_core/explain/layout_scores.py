@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from semloc_core.explain.scores import by_share
-from semloc_core.matching.layout.evidence import Evidence
-from semloc_core.wire.messages import MethodAttributions, ObjectAttribution
+from semloc_core.matching import Evidence
+from semloc_core.wire import MethodAttributions, ObjectAttribution
 
 LAYOUT = "layout"
 """The explainer's name."""

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import torch
 
-from semloc_core.encoding.variants.perturbed import PerturbedEncoder
+from semloc_core.encoding import PerturbedEncoder
 from semloc_core.errors import ConfigError, GraphError, MapError, SemlocError
 from semloc_core.explain.counterfactual import counterfactual, why_not
 from semloc_core.explain.explainers.by_name import CONTROLS, EXPLAINERS, explain
@@ -18,10 +18,8 @@ from semloc_core.explain.scores import class_scores, object_scores
 from semloc_core.explain.similarity import SimilarityQuery
 from semloc_core.explain.without_class import without_classes
 from semloc_core.map_database import LoadedMap
-from semloc_core.matching.answer import Located
-from semloc_core.matching.layout.evidence import Evidence, evidence_at
-from semloc_core.matching.reranker import verifier_of
-from semloc_core.wire.messages import ExplainRequest, Explanation, MethodAttributions, PlaceEvidence
+from semloc_core.matching import Evidence, Located, evidence_at, verifier_of
+from semloc_core.wire import ExplainRequest, Explanation, MethodAttributions, PlaceEvidence
 
 SEED = 0
 """Explainers that sample start from it at every request, so that the same question has the same answer."""

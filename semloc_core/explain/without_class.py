@@ -6,13 +6,10 @@ import numpy as np
 import torch
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoding.variants.perturbed import PerturbedEncoder
+from semloc_core.encoding import PerturbedEncoder
 from semloc_core.explain.layout_scores import layout_attributions
-from semloc_core.matching.answer import Located
-from semloc_core.matching.layout import LayoutVerifier
-from semloc_core.matching.layout.confidence import confidence
-from semloc_core.matching.reranker import verifier_of
-from semloc_core.wire.messages import WithoutClass
+from semloc_core.matching import LayoutVerifier, Located, confidence, verifier_of
+from semloc_core.wire import WithoutClass
 
 MOST = 8
 """Classes asked about: each costs as much as an answer."""

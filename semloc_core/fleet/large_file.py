@@ -9,8 +9,8 @@ from semloc_core.fleet.file_source import LoadedSource
 from semloc_core.fleet.link import Link
 from semloc_core.fleet.localiser import FleetLocaliser
 from semloc_core.fleet.narrowing import ShortlistConfig
-from semloc_core.map_database.loaded import LoadedMap
-from semloc_core.matching.answer import ServerState
+from semloc_core.map_database import LoadedMap
+from semloc_core.matching import ServerState
 
 
 class LargeMapLocaliser(FleetLocaliser):

@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.encoding.model import Model
+from semloc_core.encoding import Model
 from semloc_core.errors import MapError, MapUnavailableError
 from semloc_core.fleet.source import Catalogue, Fetched, MapSource, Nearest
 

@@ -13,11 +13,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.encoding.model import Model
-from semloc_core.map_database.history import ClassChange
-from semloc_core.map_database.loaded import StoredBuilding
-from semloc_core.map_database.stored.records import PlaceRows
-from semloc_core.text.representation import short_repr
+from semloc_core.encoding import Model
+from semloc_core.map_database import ClassChange, PlaceRows, StoredBuilding
+from semloc_core.text import short_repr
 
 
 @short_repr

@@ -6,7 +6,7 @@ import math
 
 from semloc_core.graph.drift import DriftMeter
 from semloc_core.graph.scene_graph import Change, SceneGraph
-from semloc_core.wire.messages import Object, Odometry, Position
+from semloc_core.wire import Object, Odometry, Position
 
 STANDS_STILL_M = 0.3
 """The robot has not moved before it is so far from where it last had: odometry's jitter is no way walked."""

@@ -16,8 +16,8 @@ from semloc_core.graph.geodesic import edge_lengths
 from semloc_core.graph.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.graph.storeys import storeys
-from semloc_core.text.representation import short_repr
-from semloc_core.wire.codec import Object, Place, Position, SceneGraphUpdate
+from semloc_core.text import short_repr
+from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

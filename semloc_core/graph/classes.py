@@ -26,13 +26,13 @@ from semloc_core.graph.labelspace import (
     union,
 )
 from semloc_core.graph.labelspace_files import shipped_labelspaces
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from semloc_core.graph.scene_graph import SceneGraph
-    from semloc_core.wire.messages import Object, SceneGraphUpdate
+    from semloc_core.wire import Object, SceneGraphUpdate
 
 NAMED = 12
 """Labels named at most in a line."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.wire.codec import SceneGraphUpdate
+from semloc_core.wire import SceneGraphUpdate
 
 
 def delta(

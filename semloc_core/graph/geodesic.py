@@ -13,7 +13,7 @@ from heapq import heappop, heappush
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.wire.codec import Position
+from semloc_core.wire import Position
 
 _QUANTA_PER_METRE = float(2**30)
 _CELLS_AT_ONCE = 1 << 23  # of the table source × place: 64 MiB

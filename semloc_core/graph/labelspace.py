@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from semloc_core.errors import LabelspaceError
 from semloc_core.graph.labelspace_files import read_labelspace_file, read_synonyms_file, shipped_path
 from semloc_core.graph.labelspace_files import shipped_labelspaces as shipped_labelspaces
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,7 +9,7 @@ from heapq import heappop, heappush
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.wire.codec import Position
+from semloc_core.wire import Position
 
 
 class PlaceIndex:

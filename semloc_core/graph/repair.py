@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.wire.messages import SceneGraphUpdate
+from semloc_core.wire import SceneGraphUpdate
 
 HANG_M = 4.0
 """How far from a place an object may be that is hung on it, metres."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from semloc_core.graph.geodesic import edge_length
 from semloc_core.graph.place_index import PlaceIndex
 from semloc_core.graph.update_check import check_update
-from semloc_core.text.representation import short_repr
-from semloc_core.wire.codec import Object, Place, Position, SceneGraphUpdate
+from semloc_core.text import short_repr
+from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
 
 
 @short_repr

@@ -11,7 +11,7 @@ from enum import Enum
 
 from semloc_core.errors import GraphError
 from semloc_core.graph.scene_graph import Change, SceneGraph
-from semloc_core.wire.codec import SceneGraphUpdate
+from semloc_core.wire import SceneGraphUpdate
 
 
 class Outcome(Enum):

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Container
 
 from semloc_core.errors import GraphError
-from semloc_core.wire.codec import Object, Place, SceneGraphUpdate, one_line
+from semloc_core.wire import Object, Place, SceneGraphUpdate, one_line
 
 MAX_COORDINATE_M = 1e9  # beyond it a length would not be a number that means anything
 

@@ -17,7 +17,7 @@ import numpy as np
 from semloc_core.graph.arrays import Floats, GraphArrays, Ints
 from semloc_core.graph.geodesic import ball, many_balls, ranges, repair
 from semloc_core.graph.scene_graph import Change, SceneGraph
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 _NOTHING: Mapping[str, float] = MappingProxyType({})
 

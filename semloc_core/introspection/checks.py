@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from semloc_core.introspection.sanity import mean_rows
-from semloc_core.metrics.rows import Row
+from semloc_core.metrics import Row
 
 MOST_ALIKE = 0.5
 """An explainer whose scores correlate by more than this with those of shuffled weights does not look at the weights."""

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.encoding.model import Model, embed_graph
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.metrics import precision_recall as metrics
-from semloc_core.training.split import positive_pairs
+from semloc_core import metrics
+from semloc_core.encoding import Model, embed_graph, similarity_matrix
+from semloc_core.graph import GraphArrays, Labelspace
+from semloc_core.training import positive_pairs
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -61,7 +60,7 @@ def ablate_classes(
     known = np.ones(reference.n_places, dtype=np.bool_) if map_rows is None else map_rows
 
     def judge(a: GraphArrays, b: GraphArrays) -> float:
-        similarity = metrics.similarity_matrix(embed_graph(model, a)[asked], embed_graph(model, b)[known])
+        similarity = similarity_matrix(embed_graph(model, a)[asked], embed_graph(model, b)[known])
         return metrics.pr_auc(similarity, positive[np.ix_(asked, known)])
 
     space = model.labelspace

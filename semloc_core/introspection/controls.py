@@ -6,12 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from semloc_core.explain.explainers.by_name import CONTROLS
-from semloc_core.explain.fidelity import BUDGET
+from semloc_core.explain import BUDGET, CONTROLS
 from semloc_core.introspection.run import Run
 from semloc_core.introspection.whole_map import INVERTED
-from semloc_core.metrics.intervals import bootstrap, squares
-from semloc_core.metrics.rows import Row
+from semloc_core.metrics import Row, bootstrap, squares
 
 DRAWS = 400
 

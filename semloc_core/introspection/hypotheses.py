@@ -19,17 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoding.model import embed_graph
-from semloc_core.explain.fidelity import BUDGET
+from semloc_core.encoding import embed_graph, similarity_matrix
+from semloc_core.explain import BUDGET
 from semloc_core.introspection.class_ablation import without_class
 from semloc_core.introspection.class_lift import lift, of_class
 from semloc_core.introspection.mobility_study import MobilityRun
 from semloc_core.introspection.run import ABLATION, Run
-from semloc_core.metrics import precision_recall as metrics
-from semloc_core.metrics.intervals import Statistic, bootstrap, squares
-from semloc_core.metrics.rows import Row
-from semloc_core.metrics.weighted_precision import WeightedPrecision
-from semloc_core.training.split import positive_pairs
+from semloc_core.metrics import Row, Statistic, WeightedPrecision, bootstrap, squares
+from semloc_core.training import positive_pairs
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -182,7 +179,7 @@ class _Losses:
         def judge(name: str | None) -> WeightedPrecision:
             a, b = (g if name is None else without_class(g, space, name) for g in (run.query, run.reference))
             z = embed_graph(run.model, a)[run.judged], embed_graph(run.model, b)[run.judged]
-            return WeightedPrecision(metrics.similarity_matrix(*z), positive)
+            return WeightedPrecision(similarity_matrix(*z), positive)
 
         self._whole, self._without = judge(None), {name: judge(name) for name in names}
 

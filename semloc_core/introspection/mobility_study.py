@@ -15,15 +15,14 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.evaluate.paper.office import SEEDS, office_variants
-from semloc_core.explain.explainers.by_name import EXPLAINERS
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.evaluate import SEEDS, office_variants
+from semloc_core.explain import EXPLAINERS
+from semloc_core.graph import GraphArrays, Labelspace
 from semloc_core.introspection.class_ablation import class_frequencies
 from semloc_core.introspection.whole_map import introspect_map
-from semloc_core.metrics.rows import Progress, no_progress
-from semloc_core.text.representation import short_repr
-from semloc_core.training.config import TrainConfig, train_config
+from semloc_core.metrics import Progress, no_progress
+from semloc_core.text import short_repr
+from semloc_core.training import TrainConfig, train_config
 
 Floats = NDArray[np.float64]
 MOVED_M = 2.0
@@ -74,7 +73,7 @@ def mobility_study(
         progress: told of every step.
 
     """
-    from semloc_core.training.loop import Report, train
+    from semloc_core.training import Report, train
 
     config = config or train_config("paper")
     group, rest = groups(class_frequencies(arrays, labelspace), labelspace)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from semloc_core.introspection.run import ABLATION, Run
-from semloc_core.metrics.rows import Row
+from semloc_core.metrics import Row
 
 
 def table_rows(runs: Sequence[Run], methods: Sequence[str]) -> list[Row]:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.encoding.model import Model, embed_graph
-from semloc_core.explain.explainers.by_name import EXPLAINERS
-from semloc_core.graph.arrays import GraphArrays
+from semloc_core.encoding import Model, embed_graph
+from semloc_core.explain import EXPLAINERS
+from semloc_core.graph import GraphArrays
 from semloc_core.introspection.class_ablation import (
     ablate_classes,
     class_frequencies,
@@ -19,8 +19,8 @@ from semloc_core.introspection.class_ablation import (
     without_class,
 )
 from semloc_core.introspection.whole_map import MapIntrospection, introspect_map
-from semloc_core.metrics.rows import Progress, no_progress
-from semloc_core.text.representation import short_repr
+from semloc_core.metrics import Progress, no_progress
+from semloc_core.text import short_repr
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]

@@ -10,15 +10,11 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from semloc_core.encoding.model import Model, embed_graph
-from semloc_core.encoding.place_graph.cut import PlaceBatches
-from semloc_core.explain.explainers.by_name import EXPLAINERS, explain
-from semloc_core.explain.explainers.integrated_gradients import BASELINES, integrated_gradients
-from semloc_core.explain.scores import ObjectScores
-from semloc_core.explain.similarity import SimilarityQuery
-from semloc_core.graph.arrays import GraphArrays
+from semloc_core.encoding import Model, PlaceBatches, embed_graph
+from semloc_core.explain import BASELINES, EXPLAINERS, ObjectScores, SimilarityQuery, explain, integrated_gradients
+from semloc_core.graph import GraphArrays
 from semloc_core.introspection.agreement.ranks import spearman
-from semloc_core.metrics.rows import Progress, Row, no_progress
+from semloc_core.metrics import Progress, Row, no_progress
 
 Floats = NDArray[np.float64]
 FINER = 8

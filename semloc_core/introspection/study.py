@@ -13,11 +13,10 @@ from functools import cached_property
 import msgspec
 import numpy as np
 
-from semloc_core.encoding.model import Model
-from semloc_core.evaluate.paper.office import SEEDS, office_variants
-from semloc_core.explain.explainers.by_name import EXPLAINERS
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.encoding import Model
+from semloc_core.evaluate import SEEDS, office_variants
+from semloc_core.explain import EXPLAINERS
+from semloc_core.graph import GraphArrays, Labelspace
 from semloc_core.introspection.agreement.rows import agreement_rows, explainer_rows, frequency_rows
 from semloc_core.introspection.checks import check_rows
 from semloc_core.introspection.controls import control_rows
@@ -27,9 +26,9 @@ from semloc_core.introspection.rows import table_rows
 from semloc_core.introspection.run import SHIFT_PLACES, Run, introspect_run
 from semloc_core.introspection.sanity import PLACES as SANITY_PLACES
 from semloc_core.introspection.sanity import sanity_rows
-from semloc_core.metrics.rows import Progress, Row, no_progress
-from semloc_core.text.representation import short_repr
-from semloc_core.training.config import PerturbConfig, TrainConfig, train_config
+from semloc_core.metrics import Progress, Row, no_progress
+from semloc_core.text import short_repr
+from semloc_core.training import PerturbConfig, TrainConfig, train_config
 
 
 @short_repr
@@ -124,7 +123,7 @@ def introspect(
         progress: told of every step.
 
     """
-    from semloc_core.training.loop import Report, train
+    from semloc_core.training import Report, train
 
     config = config or train_config("paper")
     runs: list[Run] = []

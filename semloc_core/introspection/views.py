@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoding.encoder import build_encoder
-from semloc_core.encoding.model import Model, embed_graph
-from semloc_core.graph.arrays import GraphArrays
+from semloc_core.encoding import Model, build_encoder, embed_graph, similarity_matrix
+from semloc_core.graph import GraphArrays
 from semloc_core.introspection.run import Run
-from semloc_core.metrics import precision_recall as metrics
-from semloc_core.text.representation import short_repr
-from semloc_core.training.split import positive_pairs
+from semloc_core.text import short_repr
+from semloc_core.training import positive_pairs
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -51,7 +50,7 @@ def matrices(run: Run) -> Matrices:
         run.model.encoder.name: run.model,
     }
     similarity = {
-        name: metrics.similarity_matrix(embed_graph(m, run.query)[places], embed_graph(m, run.reference)[places])
+        name: similarity_matrix(embed_graph(m, run.query)[places], embed_graph(m, run.reference)[places])
         for name, m in models.items()
     }
     return Matrices(

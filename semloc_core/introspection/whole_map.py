@@ -10,16 +10,22 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from semloc_core.encoding.model import Model, embed_graph
-from semloc_core.encoding.place_graph.cut import PlaceBatches
-from semloc_core.explain.explainers.by_name import CONTROLS, EXPLAINERS, explain
-from semloc_core.explain.explainers.random_baseline import inverted
-from semloc_core.explain.fidelity import BUDGET, BUDGETS, FidelityCurve, fidelity_curves
-from semloc_core.explain.scores import ObjectScores
-from semloc_core.explain.similarity import SimilarityQuery
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.metrics.rows import Progress, no_progress
-from semloc_core.text.representation import short_repr
+from semloc_core.encoding import Model, PlaceBatches, embed_graph
+from semloc_core.explain import (
+    BUDGET,
+    BUDGETS,
+    CONTROLS,
+    EXPLAINERS,
+    FidelityCurve,
+    ObjectScores,
+    SimilarityQuery,
+    explain,
+    fidelity_curves,
+    inverted,
+)
+from semloc_core.graph import GraphArrays
+from semloc_core.metrics import Progress, no_progress
+from semloc_core.text import short_repr
 
 Floats = NDArray[np.float64]
 

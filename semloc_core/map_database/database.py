@@ -16,9 +16,9 @@ from typing import Unpack
 
 from numpy.typing import ArrayLike
 
-from semloc_core.encoding.model import Model
+from semloc_core.encoding import Model
 from semloc_core.errors import MapError
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import SceneGraph
 from semloc_core.map_database.history import ClassChange, History
 from semloc_core.map_database.loaded import StoredBuilding
 from semloc_core.map_database.stored import write

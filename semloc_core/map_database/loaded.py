@@ -15,13 +15,9 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoding.encoder.query import QueryEncoder
-from semloc_core.encoding.model import Model
-from semloc_core.encoding.place_graph import Batch
+from semloc_core.encoding import Batch, Model, QueryEncoder
 from semloc_core.errors import MapError
-from semloc_core.graph.classes import read_graph
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.graph.storeys import separate, storey_at
+from semloc_core.graph import SceneGraph, read_graph, separate, storey_at
 from semloc_core.map_database.building_patterns import matching_buildings
 from semloc_core.map_database.history import ClassChange, History, unpack_history
 from semloc_core.map_database.search.exact import ExactSearch
@@ -41,8 +37,8 @@ from semloc_core.map_database.stored.records import (
 )
 from semloc_core.map_database.stored.schema import read
 from semloc_core.map_database.weights import class_weights
-from semloc_core.text.representation import short_repr
-from semloc_core.wire.codec import Position
+from semloc_core.text import short_repr
+from semloc_core.wire import Position
 
 logger = logging.getLogger(__name__)
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import Labelspace, SceneGraph
 from semloc_core.map_database.history import ClassChange, History, ObjectBelief, move_rates
 
 

@@ -21,11 +21,10 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
 from semloc_core.errors import MapError
-from semloc_core.graph.arrays import Floats, Ints
+from semloc_core.graph import Floats, Ints
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.transform import Transform, fit_transform
-from semloc_core.text.representation import short_repr
-from semloc_core.text.shares import percent
+from semloc_core.text import percent, short_repr
 
 START_GATE_M = 2.0
 VERTICAL_GATE_M = 1.0

@@ -6,12 +6,12 @@ from collections.abc import Collection
 
 import msgspec
 
-from semloc_core.encoding.model import Model
+from semloc_core.encoding import Model
 from semloc_core.errors import MapError
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.map_database.protocols import WritableMap
+from semloc_core.graph import SceneGraph
+from semloc_core.map_database import WritableMap
 from semloc_core.map_merge.store import write
-from semloc_core.wire.codec import Place, SceneGraphUpdate
+from semloc_core.wire import Place, SceneGraphUpdate
 
 
 def without_places(graph: SceneGraph, places: Collection[str]) -> SceneGraph:

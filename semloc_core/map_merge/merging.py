@@ -11,18 +11,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semloc_core.encoding.similarity import similarity_matrix
+from semloc_core.encoding import similarity_matrix
 from semloc_core.errors import MapError
-from semloc_core.graph.arrays import Floats, Ints
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.map_database.history import ClassChange, History, ObjectBelief, Traversal
+from semloc_core.graph import Floats, Ints, SceneGraph
+from semloc_core.map_database import ClassChange, History, ObjectBelief, Traversal
 from semloc_core.map_merge.align import Alignment, align, match_objects
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.persistence import Observation, Verdict, judge
 from semloc_core.map_merge.places import PlaceMatch, match_places
 from semloc_core.map_merge.revise import revise
 from semloc_core.map_merge.sides import Revision, Side
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 
 @short_repr

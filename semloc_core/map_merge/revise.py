@@ -5,15 +5,14 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from semloc_core.graph.arrays import Floats, Ints
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.map_database.history import FIRST_SEEN, History, ObjectBelief
+from semloc_core.graph import Floats, Ints, SceneGraph
+from semloc_core.map_database import FIRST_SEEN, History, ObjectBelief
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.persistence import Verdict
 from semloc_core.map_merge.places import PlaceMatch
 from semloc_core.map_merge.sides import Revision, Side
 from semloc_core.map_merge.transform import Transform
-from semloc_core.wire.codec import Object, Place, Position, SceneGraphUpdate
+from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
 
 MOST_AVERAGED = 10
 """A position is a mean of at most so many traversals: an object that creeps is followed."""

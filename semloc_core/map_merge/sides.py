@@ -8,13 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.encoding.place_graph.free_space import place_cells
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.map_database.history import ObjectBelief
+from semloc_core.encoding import place_cells
+from semloc_core.graph import GraphArrays, Labelspace, SceneGraph
+from semloc_core.map_database import ObjectBelief
 from semloc_core.map_merge.align import Scene
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 
 @short_repr

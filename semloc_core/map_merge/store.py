@@ -7,22 +7,25 @@ from collections.abc import Mapping, Sequence
 import msgspec
 import numpy as np
 
-from semloc_core.encoding.model import Model, embed_graph
+from semloc_core.encoding import Model, embed_graph
 from semloc_core.errors import MapError
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.map_database.history import (
+from semloc_core.graph import GraphArrays, SceneGraph
+from semloc_core.map_database import (
     MAX_HISTORY_BYTES,
     Before,
     ClassChange,
     History,
+    PackedGraph,
+    ReadableMap,
     Traversal,
+    WritableMap,
+    class_weights,
+    object_weights,
+    pack_graph,
     pack_history,
+    unpack_graph,
     unpack_history,
 )
-from semloc_core.map_database.protocols import ReadableMap, WritableMap
-from semloc_core.map_database.stored.records import PackedGraph, pack_graph, unpack_graph
-from semloc_core.map_database.weights import class_weights, object_weights
 from semloc_core.map_merge.align import Alignment
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.merging import Merged, lay, merge

@@ -9,15 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.encoding.encoder.base import Encoded
-from semloc_core.encoding.place_graph import Batch
-from semloc_core.graph.stream import Outcome
+from semloc_core.encoding import Batch, Encoded
+from semloc_core.graph import Outcome
 from semloc_core.map_database import LoadedMap
 from semloc_core.matching.layout.evidence import Evidence
 from semloc_core.matching.layout.pose.placed import NO_YAW, Placed
 from semloc_core.matching.posterior import Ranking
-from semloc_core.text.representation import short_repr
-from semloc_core.wire.codec import ClassAttributions, Match, PlaceMatches, Pose, Transform
+from semloc_core.text import short_repr
+from semloc_core.wire import ClassAttributions, Match, PlaceMatches, Pose, Transform
 
 DIGITS, FARTHEST_M = 6, 1e9
 """Of poses: as a message has them. Beyond, they hang on the order in which a product was summed."""

@@ -22,9 +22,8 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.text.representation import short_repr
+from semloc_core.graph import Labelspace, SceneGraph
+from semloc_core.text import short_repr
 
 Floats = NDArray[np.float32]
 Metres = NDArray[np.float64]

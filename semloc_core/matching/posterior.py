@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]

@@ -9,18 +9,15 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph.ages import Ages
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.map_database import LoadedMap
-from semloc_core.map_database.weights import object_weights
+from semloc_core.graph import Ages, GraphArrays, SceneGraph
+from semloc_core.map_database import LoadedMap, object_weights
 from semloc_core.matching.layout import LayoutPart, LayoutVerifier, Verified, fragment_of_graph
 from semloc_core.matching.layout.confidence import confidence
 from semloc_core.matching.layout.evidence import Evidence, evidence
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.pose.placed import Placed, placed
 from semloc_core.matching.posterior import Ranking, modes
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 Ints = NDArray[np.int64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph.arrays import Floats
+from semloc_core.graph import Floats
 from semloc_core.metrics.rows import Row
 
 BINS = 10

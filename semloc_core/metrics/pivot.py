@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from semloc_core.metrics.rows import Row
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 FOREIGN, KIDNAPPED = "foreign ", "kidnapped"
 

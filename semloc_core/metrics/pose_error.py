@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 Floats = NDArray[np.float64]
 _LOWEST, _RATIO, _BINS = 1e-3, 1.01, 2000

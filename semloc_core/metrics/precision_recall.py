@@ -17,7 +17,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.encoding.similarity import similarity_matrix as similarity_matrix
 from semloc_core.errors import ConfigError
 
 Floats = NDArray[np.float64]

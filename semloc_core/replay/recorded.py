@@ -14,27 +14,29 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import BagError, GraphError, MessageError
-from semloc_core.graph.classes import Reading, all_unknown
+from semloc_core.graph import Reading, all_unknown
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
 from semloc_core.replay.traversal_score import Chance, LatencyHistogram, SameStorey, TraversalScore
-from semloc_core.sources.bag import (
+from semloc_core.sources import (
     GROUND_TRUTH_TOPIC,
     POSE_WITH_COVARIANCE,
     STRING,
+    TOLERANCE_S,
     BagWriter,
+    Run,
     Truth,
+    TruthMatcher,
     decode_string,
+    decode_truth,
     encode_pose_with_covariance,
     read_messages,
 )
-from semloc_core.sources.run import Run, decode_truth
-from semloc_core.sources.truth import TOLERANCE_S, TruthMatcher
-from semloc_core.text.representation import short_repr
-from semloc_core.wire import codec as wire
-from semloc_core.wire.poses import TumWriter, matched_pose, orientation_of, ros_covariance, yaw_of
+from semloc_core.text import short_repr
+from semloc_core.wire import TumWriter, matched_pose, orientation_of, ros_covariance, yaw_of
 
 logger = logging.getLogger(__name__)
 

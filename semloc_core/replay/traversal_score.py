@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.metrics.pose_error import Floats, Histogram, PoseErrors
-from semloc_core.wire.codec import PlaceMatches, Position
+from semloc_core.metrics import Floats, Histogram, PoseErrors
+from semloc_core.wire import PlaceMatches, Position
 
 FROM_METRES = (0.0, 5.0, 10.0, 20.0, 40.0)
 """Where the distance brackets begin; a row's scope is the bracket's beginning (``5m``: 5 m to 10 m)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 
-from semloc_core.metrics.rows import Row
+from semloc_core.metrics import Row
 
 
 def growth_picture(rows: Sequence[Row]) -> bytes:

@@ -16,11 +16,9 @@ from typing import Any, NamedTuple, Protocol
 
 import msgspec
 
+from semloc_core import wire
 from semloc_core.errors import BagError, GraphError, MessageError, SemlocError
-from semloc_core.graph.classes import Reading
-from semloc_core.graph.repair import mend
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.graph.stream import Outcome, UpdateStream
+from semloc_core.graph import Outcome, Reading, SceneGraph, UpdateStream, mend
 from semloc_core.sources.bag import (
     GROUND_TRUTH_TOPIC,
     POINT_STAMPED,
@@ -38,9 +36,8 @@ from semloc_core.sources.bag import (
 )
 from semloc_core.sources.bag.kinds import kind_of, unpacked
 from semloc_core.sources.truth import TOLERANCE_S, TruthMatcher
-from semloc_core.text.representation import short_repr
-from semloc_core.wire import codec as wire
-from semloc_core.wire.messages import Position, SceneGraphUpdate
+from semloc_core.text import short_repr
+from semloc_core.wire import Position, SceneGraphUpdate
 
 _LOG = logging.getLogger(__name__)
 _WAITING = 32

@@ -15,19 +15,17 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.graph.storeys import storeys_of
-from semloc_core.matching.observation import (
+from semloc_core.graph import Labelspace, SceneGraph, storeys_of
+from semloc_core.matching import (
     REACH_M,
     ObservationConfig,
     ObservationModel,
+    RadiusIndex,
     Surroundings,
     slot_distances,
     surroundings,
 )
-from semloc_core.matching.radius_index import RadiusIndex
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int64]

@@ -5,15 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph.ages import Way
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import SceneGraph, Way
 from semloc_core.map_database import LoadedMap
-from semloc_core.matching.layout import Verified
-from semloc_core.matching.layout.confidence import SHARPNESS
-from semloc_core.matching.observation import surroundings
-from semloc_core.matching.posterior import RIVALS, Ranking
+from semloc_core.matching import RIVALS, SHARPNESS, Ranking, Verified, surroundings
 from semloc_core.tracking.place_filter import FilterConfig, MapModel, MapPart, PlaceFilter, joined_model, map_part
-from semloc_core.wire.codec import Odometry
+from semloc_core.wire import Odometry
 
 
 class Tracker:

@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoding.model import Model, embed_graph, embed_places
+from semloc_core.encoding import Model, embed_graph, embed_places, similarity_matrix
 from semloc_core.errors import GraphError
-from semloc_core.graph.arrays import Floats, GraphArrays, Ints
-from semloc_core.metrics import precision_recall as metrics
-from semloc_core.metrics.rows import Row
-from semloc_core.sources.simulate.walks import WalkConfig, walk
+from semloc_core.graph import Floats, GraphArrays, Ints
+from semloc_core.metrics import Row
+from semloc_core.sources import WalkConfig, walk
 from semloc_core.training.config import PERTURBATIONS
 from semloc_core.training.split import PARTS, Split
 from semloc_core.training.views.perturb import perturb
@@ -97,7 +97,7 @@ def _judge(name: str, model: Model, scope: str, asked: Sequence[Asked], graphs: 
     for b, graph, places, truth in asked:
         if not len(places):
             continue
-        best = metrics.top(metrics.similarity_matrix(embed_places(model, graph, places), database), max(metrics.RANKS))
+        best = metrics.top(similarity_matrix(embed_places(model, graph, places), database), max(metrics.RANKS))
         away = np.linalg.norm(positions[best] - truth[:, None], axis=2)
         right.append((away <= MATCH_RADIUS_M) & (building[best] == b))
     if not right:

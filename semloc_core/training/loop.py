@@ -19,13 +19,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from semloc_core.encoding.encoder import Encoder, build_encoder
-from semloc_core.encoding.model import Model
-from semloc_core.encoding.place_graph import Batch, extract_all, take_stars, union
+from semloc_core.encoding import Batch, Encoder, Model, build_encoder, extract_all, take_stars, union
 from semloc_core.errors import TrainingError
-from semloc_core.graph.arrays import Floats, GraphArrays, Ints
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.text.representation import short_repr
+from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace
+from semloc_core.text import short_repr
 from semloc_core.training.config import PerturbConfig, TrainConfig
 from semloc_core.training.losses import Loss, build_loss, ignore_radius
 from semloc_core.training.split import Split, split_places

@@ -16,8 +16,7 @@ from torch import Tensor
 
 from semloc_core.errors import TrainingError
 from semloc_core.files import write_whole
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph import GraphArrays, Labelspace
 from semloc_core.training.config import TrainConfig
 
 FORMAT = 1

@@ -10,11 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from semloc_core.encoding.encoder.base import Encoder
-from semloc_core.encoding.similarity import similarity_matrix
-from semloc_core.graph.arrays import Floats
-from semloc_core.metrics.precision_recall import pr_auc
-from semloc_core.text.representation import short_repr
+from semloc_core.encoding import Encoder, similarity_matrix
+from semloc_core.graph import Floats
+from semloc_core.metrics import pr_auc
+from semloc_core.text import short_repr
 from semloc_core.training.config import TrainConfig
 from semloc_core.training.losses import build_loss, ignore_radius
 from semloc_core.training.split import Bools, Part

@@ -7,12 +7,9 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from semloc_core.encoding.encoder import Encoder
-from semloc_core.encoding.encoder.discriminant import Pairs
-from semloc_core.encoding.model import Model
+from semloc_core.encoding import Encoder, Model, Pairs
 from semloc_core.errors import TrainingError
-from semloc_core.graph.arrays import Floats
-from semloc_core.graph.labelspace import Labelspace
+from semloc_core.graph import Floats, Labelspace
 from semloc_core.training.views.variants import VariantMaker
 
 SAME_PLACE_M = 3.0

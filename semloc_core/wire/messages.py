@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 # Lengths are bounded so that no distance overflows: nothing on Earth is 10⁹ m from anything else.
 Metres = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 from semloc_core.wire.codec import one_line
 
 MAX_NAMES = 1000

@@ -24,9 +24,8 @@ from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped, Qu
 from std_msgs.msg import Header, String
 from tf2_msgs.msg import TFMessage
 
-from semloc_core.wire import codec as wire
-from semloc_core.wire.codec import Position
-from semloc_core.wire.poses import orientation_of, quaternion_of, ros_covariance
+from semloc_core import wire
+from semloc_core.wire import Position, orientation_of, quaternion_of, ros_covariance
 from semloc_ros.diagnostics import Line
 from semloc_ros.tf import Stamped
 

@@ -25,14 +25,13 @@ import sys
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
+from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import SemlocError
-from semloc_core.explain.attributions import explain_answer
-from semloc_core.explain.pair import answer_query
+from semloc_core.explain import answer_query, explain_answer
 from semloc_core.localiser import Located, Query
 from semloc_core.map_database import LoadedMap
-from semloc_core.matching.layout.evidence import Evidence
-from semloc_core.wire import codec as wire
+from semloc_core.matching import Evidence
 
 READY = -1
 NICENESS = 5

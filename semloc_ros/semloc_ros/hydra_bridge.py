@@ -30,8 +30,8 @@ from rclpy.node import Node
 from std_msgs.msg import Empty, String
 
 from semloc_core.errors import SemlocError
-from semloc_core.graph.classes import Reading
-from semloc_core.sources.hydra.stream import DsgStream
+from semloc_core.graph import Reading
+from semloc_core.sources import DsgStream
 from semloc_ros import conversions, qos
 from semloc_ros.parameters import declare, read
 from semloc_ros.running import run

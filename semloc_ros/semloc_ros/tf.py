@@ -19,7 +19,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from semloc_core.wire.codec import MapInfo, PlaceMatches, Transform
+from semloc_core.wire import MapInfo, PlaceMatches, Transform
 
 PERIOD_S = 0.1
 """How often the latest transform is sent again."""

@@ -30,9 +30,9 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from semloc_core.errors import GraphError, MessageError, SemlocError
-from semloc_core.graph.stream import Outcome
+from semloc_core.graph import Outcome
 from semloc_core.localiser import Localiser, Located
-from semloc_core.wire.codec import SceneGraphUpdate, decode_update
+from semloc_core.wire import SceneGraphUpdate, decode_update
 
 T = TypeVar("T")
 INBOX = 1000

@@ -19,16 +19,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from semloc_core.encoding.encoder import build_encoder
-from semloc_core.encoding.model import Model, embed_graph
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.encoding import Model, build_encoder, embed_graph
+from semloc_core.graph import GraphArrays, Labelspace, SceneGraph
 from semloc_core.map_database import MapDatabase
-from semloc_core.sources.hydra import node_id, write_hydra
-from semloc_core.sources.run import write_run
-from semloc_core.sources.simulate import SimulationConfig, simulate_traversal
-from semloc_core.wire.codec import Object, Place, SceneGraphUpdate
+from semloc_core.sources import SimulationConfig, node_id, simulate_traversal, write_hydra, write_run
+from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 CLASSES = ("chair", "couch", "plant", "painting", "lamp", "shelf")
 SPACE = Labelspace("test", CLASSES, ids={name: (i,) for i, name in enumerate(CLASSES)})

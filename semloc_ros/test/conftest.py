@@ -151,7 +151,7 @@ class Client:
         """Publish an update: a message, or text."""
         from std_msgs.msg import String
 
-        from semloc_core.wire import codec as wire
+        from semloc_core import wire
 
         text = update if isinstance(update, str) else wire.encode(update).decode()
         self._publisher.publish(String(data=text))
@@ -160,26 +160,26 @@ class Client:
         """Publish an explain request."""
         from std_msgs.msg import String
 
-        from semloc_core.wire import codec as wire
+        from semloc_core import wire
 
         text = request if isinstance(request, str) else wire.encode(request).decode()
         self._requests.publish(String(data=text))
 
     def messages(self, topic, kind):
         """What came on a topic of the localiser, decoded."""
-        from semloc_core.wire import codec as wire
+        from semloc_core import wire
 
         return [wire.decode(m.data, kind) for m in list(self.seen[f"{self.name}/{topic}"])]
 
     @property
     def matches(self):
-        from semloc_core.wire import codec as wire
+        from semloc_core import wire
 
         return self.messages("matches", wire.PlaceMatches)
 
     @property
     def attributions(self):
-        from semloc_core.wire import codec as wire
+        from semloc_core import wire
 
         return self.messages("attributions", wire.ClassAttributions)
 

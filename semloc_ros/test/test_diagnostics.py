@@ -21,7 +21,7 @@ from conftest import wait_for
 from diagnostic_msgs.msg import DiagnosticStatus
 from visualization_msgs.msg import Marker
 
-from semloc_core.wire import codec as wire
+from semloc_core import wire
 
 
 def updates(**options):

@@ -18,8 +18,8 @@ import time
 import building
 from conftest import wait_for
 
+from semloc_core import wire
 from semloc_core.map_database import load
-from semloc_core.wire import codec as wire
 
 
 def updates(**options):
@@ -27,7 +27,7 @@ def updates(**options):
 
 
 def test_explain_answers_by_every_explainer(localiser, client):
-    from semloc_core.explain.explainers.by_name import EXPLAINERS
+    from semloc_core.explain import EXPLAINERS
 
     localiser()
     side = client().connect()

@@ -19,7 +19,7 @@ from conftest import wait_for
 from rclpy.parameter import Parameter
 from std_msgs.msg import Empty, String
 
-from semloc_core.wire import codec as wire
+from semloc_core import wire
 from semloc_ros import qos
 
 REQUESTS = "/scene_graph/full_request"

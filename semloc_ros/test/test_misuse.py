@@ -23,8 +23,8 @@ from conftest import wait_for
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.wire import codec as wire
+from semloc_core import wire
+from semloc_core.graph import SceneGraph
 from semloc_ros import conversions
 
 

@@ -27,10 +27,10 @@ from conftest import wait_for
 from rclpy.lifecycle import TransitionCallbackReturn
 from visualization_msgs.msg import Marker
 
+from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import load
-from semloc_core.wire import codec as wire
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
@@ -185,7 +185,7 @@ def test_bad_updates_are_refused_counted_and_lose_nothing(localiser, client, cap
 def test_text_that_is_not_utf8_does_not_end_the_node(localiser, client, spin):
     from std_msgs.msg import String
 
-    from semloc_core.sources.bag import encode_string
+    from semloc_core.sources import encode_string
     from semloc_ros import qos
 
     localiser()

@@ -27,7 +27,7 @@ from semloc_ros.tf import Steady
 from test_pure import answer, match
 from tf2_msgs.msg import TFMessage
 
-from semloc_core.wire import codec as wire
+from semloc_core import wire
 from semloc_ros import conversions, qos
 
 S = 1_000_000_000

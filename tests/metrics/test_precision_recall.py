@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from sklearn.metrics import average_precision_score, f1_score
 
+from semloc_core.encoding.similarity import similarity_matrix
 from semloc_core.errors import ConfigError
 from semloc_core.metrics import precision_recall as metrics
 
@@ -58,7 +59,7 @@ def test_equal_embeddings_stay_tied_after_the_product() -> None:
     rows = rng.normal(size=(300, 37)).astype(np.float32)
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     places = np.concatenate([rows, rows, rows[:7]])
-    similarity = metrics.similarity_matrix(rows, places)
+    similarity = similarity_matrix(rows, places)
     assert (similarity[:, :300] == similarity[:, 300:600]).all()
     assert (similarity[:, :7] == similarity[:, 600:]).all()
     assert np.abs(similarity - rows @ places.T).max() < 2e-6

@@ -46,11 +46,8 @@ def office(
     recall@N is positives found in the top N over all positives, as the paper's figures are; recall_ceiling@N is the
     best it can be. success@N is what users mean: any of the top N within 4 m.
     """
-    from semloc_core.evaluate.paper.ablation import evaluate_ablation
-    from semloc_core.evaluate.paper.office import evaluate_office
-    from semloc_core.graph.arrays import GraphArrays
-    from semloc_core.graph.classes import Reading
-    from semloc_core.graph.labelspace import count_unknown
+    from semloc_core.evaluate import evaluate_ablation, evaluate_office
+    from semloc_core.graph import GraphArrays, Reading, count_unknown
 
     reading = Reading.of(labelspace, synonyms)
     file = read_graph(graph, reading)
@@ -79,8 +76,8 @@ def relocalise(
     json_file: Json = None,
 ) -> None:
     """Every building's query graph against all buildings' maps in one database; within 4 m, in the right building."""
-    from semloc_core.encoding.model import Model
-    from semloc_core.evaluate.relocalise import evaluate_relocalise
+    from semloc_core.encoding import Model
+    from semloc_core.evaluate import evaluate_relocalise
 
     with progress("evaluating") as bar:
         rows = evaluate_relocalise(
@@ -141,10 +138,10 @@ def online(
     asked for, in small tables of their own.
     """
     from semloc_core.config import checked
-    from semloc_core.encoding.model import Model
-    from semloc_core.evaluate.online.protocol import evaluate_online
-    from semloc_core.metrics.pivot import online_pivots
-    from semloc_core.sources.simulate.walks import WalkConfig
+    from semloc_core.encoding import Model
+    from semloc_core.evaluate import evaluate_online
+    from semloc_core.metrics import online_pivots
+    from semloc_core.sources import WalkConfig
 
     config = checked(
         WalkConfig,
@@ -194,8 +191,8 @@ def candidates(
     json_file: Json = None,
 ) -> None:
     """How often the right place is among the first 1, 10, 100, 300: whole query graphs, and 0, 5, 10 m walked."""
-    from semloc_core.encoding.general import load_model
-    from semloc_core.evaluate.candidates import evaluate_candidates
+    from semloc_core.encoding import load_model
+    from semloc_core.evaluate import evaluate_candidates
 
     chosen = [name.strip() for name in baselines.split(",") if name.strip()]
     models = [(Path(name).stem, load_model(name)) for name in model or []]
@@ -212,7 +209,7 @@ def layout(
     json_file: Json = None,
 ) -> None:
     """What each part of verification by layout is worth: success along walks with a part left out."""
-    from semloc_core.evaluate.online.layout_ablation import evaluate_layout
+    from semloc_core.evaluate import evaluate_layout
 
     with progress("evaluating") as bar:
         rows = evaluate_layout(root, walks=walks, seed=seed, progress=bar)

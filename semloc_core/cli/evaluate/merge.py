@@ -11,9 +11,9 @@ from semloc_core.cli.shared.common import Json, Seed, console, progress, write_j
 from semloc_core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from semloc_core.encoding.model import Model
-    from semloc_core.evaluate.merge_cases import Case
-    from semloc_core.graph.labelspace import Labelspace
+    from semloc_core.encoding import Model
+    from semloc_core.evaluate import Case
+    from semloc_core.graph import Labelspace
 
 ENCODERS = ("rings", "bag_of_words")
 
@@ -45,9 +45,8 @@ def merge(
     Also how many traversals are laid right, whether those of another building are refused, and how mobile each class
     was found to be.
     """
-    from semloc_core.evaluate.merge import evaluate_merge
-    from semloc_core.evaluate.merge_cases import LifeConfig, home_cases, world_cases
-    from semloc_core.metrics.table import print_table
+    from semloc_core.evaluate import LifeConfig, evaluate_merge, home_cases, world_cases
+    from semloc_core.metrics import print_table
 
     if root is None and worlds == 0:
         raise ConfigError("expected a ROOT or some --worlds (got neither)")
@@ -69,10 +68,9 @@ def _models(
     space: Labelspace, cases: list[Case], files: list[Path] | None, train: list[str] | None, seed: int
 ) -> list[tuple[str, Model]]:
     """Models by name: those given, trained here, or encoders with nothing to train."""
-    from semloc_core.encoding.encoder import build_encoder
-    from semloc_core.encoding.model import Model
-    from semloc_core.training.config import train_config
-    from semloc_core.training.loop import train as fit
+    from semloc_core.encoding import Model, build_encoder
+    from semloc_core.training import train as fit
+    from semloc_core.training import train_config
 
     found: list[tuple[str, Model]] = []
     for path in files or []:

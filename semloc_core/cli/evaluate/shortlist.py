@@ -17,7 +17,7 @@ def shortlist(
 ) -> None:
     """How often the robot's building is among the few that it answers from, in a large map of generated buildings."""
     from semloc_core.errors import ConfigError
-    from semloc_core.evaluate.shortlisted import MODELS, evaluate_shortlist
+    from semloc_core.evaluate import MODELS, evaluate_shortlist
 
     if kind not in MODELS:
         raise ConfigError(f"expected --kind among {', '.join(MODELS)} (got {kind!r})")

@@ -12,7 +12,7 @@ from semloc_core.cli.shared.outputs import Writes
 from semloc_core.file_kinds import FOLDER, PICTURE
 
 if TYPE_CHECKING:
-    from semloc_core.evaluate.trust import Study
+    from semloc_core.evaluate import Study
 
 PICTURES = ("reliability", "success", "failure")
 _HEAD = ("method", "scope", "building", "walk", "status", "probability")
@@ -37,10 +37,16 @@ def trust(
 
     The walks and answers are those of `semloc evaluate online` for rings + layout.
     """
-    from semloc_core.evaluate.trust import failures, study_trust
-    from semloc_core.evaluate.trust_curves import calibration_rows, condition_rows, status_rows, threshold_rows
+    from semloc_core.evaluate import (
+        calibration_rows,
+        condition_rows,
+        failures,
+        status_rows,
+        study_trust,
+        threshold_rows,
+    )
     from semloc_core.files import write_whole
-    from semloc_core.metrics.table import document, print_table
+    from semloc_core.metrics import document, print_table
 
     with progress("walking") as bar:
         study = study_trust(root, walks=walks, seed=seed, progress=bar)
@@ -69,10 +75,8 @@ def trust(
 
 def draw(study: Study) -> dict[str, bytes]:
     """The pictures as PNG, by name; no failure where every answer is right."""
-    from semloc_core.evaluate.trust_curves import reliability_points, success_points, worst
-    from semloc_core.report.drawing import to_png
-    from semloc_core.report.floor_plan import Plan
-    from semloc_core.report.trust_figures import failure_figure, reliability_figure, success_figure
+    from semloc_core.evaluate import reliability_points, success_points, worst
+    from semloc_core.report import Plan, failure_figure, reliability_figure, success_figure, to_png
 
     spans = {"0 m walked": (0.0, 0.0), "2.5 to 10 m": (2.5, 10.0), "15 to 40 m": (15.0, 40.0)}
     curves = {

@@ -25,12 +25,11 @@ from semloc_core.cli.shared.screen import many
 from semloc_core.errors import MapError
 
 if TYPE_CHECKING:
-    from semloc_core.encoding.model import Model
-    from semloc_core.graph.classes import Reading
-    from semloc_core.graph.scene_graph import SceneGraph
-    from semloc_core.map_database.protocols import WritableMap
+    from semloc_core.encoding import Model
+    from semloc_core.graph import Reading, SceneGraph
+    from semloc_core.map_database import WritableMap
     from semloc_core.map_merge import Merged
-    from semloc_core.metrics.rows import Row
+    from semloc_core.metrics import Row
 
 Inputs = Annotated[list[Path], typer.Argument(metavar="GRAPH|RUN...", help="Buildings: graphs or recorded runs.")]
 Name = Annotated[
@@ -75,8 +74,8 @@ def put(database: WritableMap, model: Model, graph: SceneGraph, name: str, sourc
     """Put a whole building into a map; how many places it has."""
     import numpy as np
 
-    from semloc_core.graph.arrays import GraphArrays
-    from semloc_core.map_merge.store import embed_again, map_weights
+    from semloc_core.graph import GraphArrays
+    from semloc_core.map_merge import embed_again, map_weights
 
     arrays = GraphArrays.from_scene_graph(graph, model.labelspace, name)
     before = map_weights(database, model)
@@ -99,7 +98,7 @@ def add(
     robot: RobotOption = None,
 ) -> None:
     """Add buildings, embedded by the map's own model; with --place single places of a building that the map has."""
-    from semloc_core.graph.classes import Reading
+    from semloc_core.graph import Reading
 
     reading = Reading.of(labelspace, synonyms, topic=topic, robot=robot)
     _change(map_place, inputs, name, place, False, reading, allow_unknown)
@@ -117,7 +116,7 @@ def replace(
     robot: RobotOption = None,
 ) -> None:
     """Replace buildings that the map has by newer graphs or runs of them; with --place single places."""
-    from semloc_core.graph.classes import Reading
+    from semloc_core.graph import Reading
 
     reading = Reading.of(labelspace, synonyms, topic=topic, robot=robot)
     _change(map_place, inputs, name, place, True, reading, allow_unknown)
@@ -132,7 +131,7 @@ def _change(
     reading: Reading,
     allow_unknown: bool,
 ) -> None:
-    from semloc_core.map_merge.edit import store_edited, with_places
+    from semloc_core.map_merge import store_edited, with_places
 
     done, said = "replaced" if replace else "added", []
     if places and len(inputs) != 1:
@@ -163,8 +162,7 @@ def remove(
     place: Places = None,
 ) -> None:
     """Remove buildings; with --place single places of one."""
-    from semloc_core.map_merge.edit import store_edited, without_places
-    from semloc_core.map_merge.store import embed_again, map_weights
+    from semloc_core.map_merge import embed_again, map_weights, store_edited, without_places
 
     if place and len(names) != 1:
         raise MapError(f"expected one building with --place (got {len(names)})")
@@ -213,7 +211,7 @@ def merge(
     weight, those not seen where free space was seen lose it, by how often their class moves; places are embedded anew.
     A run that was merged before is refused. With --undo the building is as it was before the last merge.
     """
-    from semloc_core.graph.classes import Reading
+    from semloc_core.graph import Reading
     from semloc_core.map_merge import merge_into, propose, undo
 
     if take_back:

@@ -60,7 +60,7 @@ def build(
     index: Index = None,
 ) -> None:
     """Build a map database: every place of every building, embedded; the file carries the model too."""
-    from semloc_core.graph.classes import Reading
+    from semloc_core.graph import Reading
 
     if not force:
         refuse_existing(output)

@@ -12,12 +12,12 @@ from rich.text import Text
 from semloc_core.cli.shared.common import Json, write_json
 from semloc_core.cli.shared.map_places import MapPlace, server_map, to_read
 from semloc_core.cli.shared.screen import console, cut, many, print_whole
-from semloc_core.fleet.milvus.address import is_address
+from semloc_core.fleet import is_address
 
 if TYPE_CHECKING:
-    from semloc_core.encoding.model import Model
-    from semloc_core.map_database.protocols import ReadableMap
-    from semloc_core.metrics.rows import Row
+    from semloc_core.encoding import Model
+    from semloc_core.map_database import ReadableMap
+    from semloc_core.metrics import Row
 
 UNASKED_PLACES = 20_000
 """Maps of at most so many places are searched for look-alikes unasked: that takes a few seconds."""
@@ -77,7 +77,7 @@ def info(
 
 def _facts(place: str) -> dict[str, Any]:
     if is_address(place):
-        from semloc_core.fleet.writing.info import describe_server_map
+        from semloc_core.fleet import describe_server_map
 
         with server_map(place) as database:
             return describe_server_map(database)
@@ -166,7 +166,7 @@ def _print_long(facts: dict[str, Any]) -> None:
 
 
 def _print_unknown(facts: dict[str, Any], model: Model) -> None:
-    from semloc_core.graph.labelspace import listed
+    from semloc_core.graph import listed
 
     unknown: Counter[str] = Counter()
     for building in facts["buildings"]:
@@ -180,7 +180,7 @@ def _print_unknown(facts: dict[str, Any], model: Model) -> None:
 
 def _print_alike(alike: list[Row], model: Model) -> None:
     """What class labels can tell apart: all that such an encoder can reach, and a measure of how uniform a map is."""
-    from semloc_core.evaluate.aliasing import Aliasing, reads_labels_only
+    from semloc_core.evaluate import Aliasing, reads_labels_only
 
     _line("alike", f"kinds of places that {alike[0]['method']} tell apart, nothing moved (1-WL colour refinement)")
     if not reads_labels_only(model.encoder):
@@ -194,9 +194,9 @@ def _print_alike(alike: list[Row], model: Model) -> None:
 
 def _aliasing_rows(map_: ReadableMap, model: Model) -> list[Row]:
     """A row a building, and one for all together where there are several."""
-    from semloc_core.encoding.encoder import build_encoder
-    from semloc_core.evaluate.aliasing import map_aliasing, reads_labels_only
-    from semloc_core.graph.arrays import GraphArrays
+    from semloc_core.encoding import build_encoder
+    from semloc_core.evaluate import map_aliasing, reads_labels_only
+    from semloc_core.graph import GraphArrays
 
     space, encoder = model.labelspace, model.encoder
     if not reads_labels_only(encoder):

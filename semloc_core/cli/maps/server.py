@@ -34,10 +34,8 @@ def push(
 
     A building that the server has by that name is replaced, the others stay. Both maps must be of one model.
     """
-    from semloc_core.fleet.milvus.collections import INDEX_KINDS
-    from semloc_core.fleet.milvus.creating import map_exists
-    from semloc_core.fleet.writing.database import FleetDatabase
-    from semloc_core.fleet.writing.transfer import push as copy
+    from semloc_core.fleet import INDEX_KINDS, FleetDatabase, map_exists
+    from semloc_core.fleet import push as copy
     from semloc_core.map_database import load
 
     loaded, there = load(map_file), address_of(address)
@@ -60,7 +58,7 @@ def pull(
     force: Force = False,
 ) -> None:
     """Copy buildings of a map on a server into a map file: all of them, or those of a site."""
-    from semloc_core.fleet.writing.transfer import pull as copy
+    from semloc_core.fleet import pull as copy
     from semloc_core.map_database import load
 
     was = map_that_was(map_file)

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from semloc_core.cli.shared.common import note, read_graph_or_run
 
 if TYPE_CHECKING:
-    from semloc_core.encoding.model import Model
-    from semloc_core.graph.classes import Reading
+    from semloc_core.encoding import Model
+    from semloc_core.graph import Reading
 
 
 def choose_model(named: str | None, inputs: Sequence[Path], reading: Reading, *, allow_unknown: bool) -> Model:
@@ -28,7 +28,7 @@ def choose_model(named: str | None, inputs: Sequence[Path], reading: Reading, *,
         LabelspaceError: a synonym of a class that the model does not have.
 
     """
-    from semloc_core.encoding.general import LEAST_KNOWN, load_model, pick_general
+    from semloc_core.encoding import LEAST_KNOWN, load_model, pick_general
 
     if named is not None:
         model = load_model(named)

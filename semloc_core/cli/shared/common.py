@@ -19,9 +19,8 @@ from semloc_core.file_kinds import FIGURES
 from semloc_core.files import write_whole
 
 if TYPE_CHECKING:
-    from semloc_core.graph.classes import Reading
-    from semloc_core.graph.scene_graph import SceneGraph
-    from semloc_core.sources.hydra import HydraFile
+    from semloc_core.graph import Reading, SceneGraph
+    from semloc_core.sources import HydraFile
 
 
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")]
@@ -68,7 +67,7 @@ ToleranceOption = Annotated[
 
 def is_run(path: Path) -> bool:
     """Whether an input is a run rather than a graph file."""
-    from semloc_core.sources.run import is_run as of_content
+    from semloc_core.sources import is_run as of_content
 
     return of_content(path)
 
@@ -80,13 +79,13 @@ def building_name(path: Path) -> str:
 
 def read_graph(path: Path, reading: Reading) -> HydraFile:
     """Read a GRAPH, or a RUN to its end, and say what had to be decided of its classes."""
-    from semloc_core.graph.labelspace import labelspace_from_hydra
-    from semloc_core.sources.hydra import HydraFile, read_hydra
+    from semloc_core.graph import labelspace_from_hydra
+    from semloc_core.sources import HydraFile, read_hydra
 
     if not path.exists():
         raise FileFormatError(f"expected a scene-graph file (got {path}, which does not exist)")
     if is_run(path):
-        from semloc_core.sources.run import graph_at_end
+        from semloc_core.sources import graph_at_end
 
         labels = reading.labels()
         graph = labels.graph(graph_at_end(path, reading=reading))
@@ -146,7 +145,7 @@ def show(
     title: str,
 ) -> None:
     """Print rows as a table and, if asked, write the same rows as JSON."""
-    from semloc_core.metrics.table import print_table
+    from semloc_core.metrics import print_table
 
     print_table(rows, title=title, console=console)
     if json_file is not None:
@@ -155,6 +154,6 @@ def show(
 
 def write_json(path: Path, command: str, seed: int, inputs: Sequence[Path | str], rows: list[dict[str, Any]]) -> None:
     """Write rows as JSON, with what they come from; the whole file or nothing."""
-    from semloc_core.metrics.table import document
+    from semloc_core.metrics import document
 
     write_whole(path, document(command, seed, [str(p) for p in inputs], rows))

@@ -12,8 +12,7 @@ from semloc_core.errors import MapError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from semloc_core.graph.labelspace import Labelspace
-    from semloc_core.graph.scene_graph import SceneGraph
+    from semloc_core.graph import Labelspace, SceneGraph
 
 AllowUnknown = Annotated[
     bool,
@@ -33,8 +32,7 @@ def report_unknown_classes(unknown: Mapping[str, int], where: str, *, advise: bo
         advise: say which option helps.
 
     """
-    from semloc_core.graph.classes import advice
-    from semloc_core.graph.labelspace import all_numbers
+    from semloc_core.graph import advice, all_numbers
 
     if unknown:
         listed = ", ".join(f"{name} ({count})" for name, count in sorted(unknown.items()))
@@ -58,9 +56,8 @@ def check_classes(graph: SceneGraph, space: Labelspace, where: str, *, allow_unk
         MapError: it knows less than `LEAST_KNOWN` of the objects, and that is not allowed.
 
     """
-    from semloc_core.encoding.general import LEAST_KNOWN
-    from semloc_core.graph.classes import advice
-    from semloc_core.graph.labelspace import count_unknown, is_nameless, listed
+    from semloc_core.encoding import LEAST_KNOWN
+    from semloc_core.graph import advice, count_unknown, is_nameless, listed
 
     unknown = count_unknown(graph, space)
     total = sum(not is_nameless(thing.class_) for thing in graph.objects.values())

@@ -12,14 +12,12 @@ import typer
 
 from semloc_core.cli.shared.screen import note
 from semloc_core.errors import MapError
-from semloc_core.fleet.milvus.address import is_address, parse_address
-from semloc_core.fleet.milvus.collections import INDEX_KINDS
+from semloc_core.fleet import INDEX_KINDS, is_address, parse_address
 
 if TYPE_CHECKING:
-    from semloc_core.encoding.model import Model
-    from semloc_core.fleet.milvus.address import MilvusAddress
-    from semloc_core.fleet.writing.database import FleetDatabase
-    from semloc_core.map_database.protocols import ReadableMap, WritableMap
+    from semloc_core.encoding import Model
+    from semloc_core.fleet import FleetDatabase, MilvusAddress
+    from semloc_core.map_database import ReadableMap, WritableMap
 
 MapPlace = Annotated[
     str, typer.Argument(metavar="MAP", help="The map: a file, or milvus+http://host:port/name on a server.")
@@ -58,7 +56,7 @@ def address_of(place: str) -> MilvusAddress:
 
 def server_map(place: str) -> FleetDatabase:
     """A map on a server, opened."""
-    from semloc_core.fleet.writing.database import FleetDatabase
+    from semloc_core.fleet import FleetDatabase
 
     return FleetDatabase.open(address_of(place))
 
@@ -95,7 +93,7 @@ def refuse_existing(place: str) -> None:
     """Refuse to build where a map is already; on a server one without buildings does no harm."""
     if not is_address(place):  # `semloc_core.outputs` has looked
         return
-    from semloc_core.fleet.milvus.creating import map_exists
+    from semloc_core.fleet import map_exists
 
     if map_exists(parse_address(place)):
         with server_map(place) as database:
@@ -114,8 +112,7 @@ class Was:
 
 def map_that_was(place: str | Path) -> Was:
     """Which map is in a file, to be asked before work on another begins; of a server nothing is kept in mind."""
-    from semloc_core.map_database.stored.meta import read_meta
-    from semloc_core.map_database.stored.schema import read
+    from semloc_core.map_database import read, read_meta
 
     path = Path(place)
     if is_address(str(place)) or not path.exists() or not path.stat().st_size:
@@ -136,8 +133,7 @@ def fresh(place: str, model: Model, was: Was, index: str | None = None) -> Itera
 
     """
     from semloc_core.files import real, scratch_folder
-    from semloc_core.map_database import MapDatabase
-    from semloc_core.map_database.stored.schema import publish_map
+    from semloc_core.map_database import MapDatabase, publish_map
 
     if is_address(place):
         with _fresh_on_server(parse_address(place), model, index) as there:
@@ -175,8 +171,7 @@ def tell_no_effect(index: str | None, address: MilvusAddress) -> None:
 @contextmanager
 def _fresh_on_server(address: MilvusAddress, model: Model, index: str | None) -> Iterator[FleetDatabase]:
     """A new map, or in place of one that is there."""
-    from semloc_core.fleet.milvus.creating import map_exists
-    from semloc_core.fleet.writing.database import FleetDatabase
+    from semloc_core.fleet import FleetDatabase, map_exists
 
     if map_exists(address):
         tell_no_effect(index, address)

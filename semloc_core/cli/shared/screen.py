@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from semloc_core.metrics.pivot import Pivot
+    from semloc_core.metrics import Pivot
 
 WIDEST = 10_000
 

@@ -15,7 +15,7 @@ from semloc_core.encoding.encoder.discriminant import Pairs
 from semloc_core.encoding.place_graph import Batch
 from semloc_core.encoding.place_graph.extraction import Extraction
 from semloc_core.errors import ConfigError, ModelError
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 S = TypeVar("S", bound=msgspec.Struct)
 

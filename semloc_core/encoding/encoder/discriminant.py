@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from semloc_core.encoding.place_graph import Batch
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 SHRINKAGE = 3.0
 """Isotropic part of the noise, in units of its mean variance: holds back directions that only seem quiet."""

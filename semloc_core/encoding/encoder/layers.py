@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from semloc_core.encoding.place_graph import Batch
 from semloc_core.errors import ModelError
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 
 @short_repr

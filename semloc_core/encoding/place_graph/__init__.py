@@ -15,10 +15,7 @@ from semloc_core.encoding.place_graph.ego_rows import EgoRows
 from semloc_core.encoding.place_graph.extraction import Extraction
 from semloc_core.encoding.place_graph.reach import reach_all_batch, reach_batch, take_stars
 from semloc_core.encoding.place_graph.whole import whole_graph_batch
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.graph.visibility import Visibility
+from semloc_core.graph import GraphArrays, Labelspace, SceneGraph, Visibility
 
 __all__ = [
     "Batch",

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from semloc_core.errors import LabelspaceError
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 
 @short_repr

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from semloc_core.encoding.place_graph import Batch, extract_all, reach_all_batch
 from semloc_core.encoding.place_graph.extraction import Extraction
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.geodesic import ranges
-from semloc_core.text.representation import short_repr
+from semloc_core.graph import GraphArrays, ranges
+from semloc_core.text import short_repr
 
 Ints = NDArray[np.int64]
 

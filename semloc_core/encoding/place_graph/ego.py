@@ -8,9 +8,7 @@ import numpy as np
 
 from semloc_core.encoding.place_graph.batch import Batch, batch_of_arrays
 from semloc_core.errors import GraphError
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.graph.visibility import Visibility
+from semloc_core.graph import Labelspace, SceneGraph, Visibility
 
 
 def ego_batch(

@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 
 from semloc_core.encoding.place_graph.batch import Batch, batch_of_arrays
 from semloc_core.errors import GraphError
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.graph.visibility import Visibility
+from semloc_core.graph import Labelspace, SceneGraph, Visibility
 
 Ints = NDArray[np.int64]
 _Row = tuple[Ints, NDArray[np.float64]]

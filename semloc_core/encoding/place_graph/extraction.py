@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 
 @short_repr

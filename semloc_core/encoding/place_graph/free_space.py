@@ -7,9 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph.arrays import Floats, GraphArrays
-from semloc_core.graph.geodesic import many_balls
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import Floats, GraphArrays, SceneGraph, many_balls
 
 Bands = Sequence[tuple[float, float]]
 """Gaussian bands of geodesic distance: centre and standard deviation of each, metres."""

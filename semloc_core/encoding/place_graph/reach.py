@@ -13,11 +13,7 @@ from numpy.typing import NDArray
 from semloc_core.encoding.place_graph.batch import Batch, batch_of_arrays
 from semloc_core.encoding.place_graph.ego import check_roots
 from semloc_core.encoding.place_graph.free_space import Bands, free_space_all, free_space_online
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.geodesic import ranges
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.graph.visibility import object_distances
+from semloc_core.graph import GraphArrays, Labelspace, SceneGraph, object_distances, ranges
 
 
 def reach_batch(

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from semloc_core.encoding.place_graph.batch import Batch, batch_of_arrays
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.visibility import visible_pairs
+from semloc_core.graph import GraphArrays, visible_pairs
 
 
 def whole_graph_batch(arrays: GraphArrays, n_classes: int, hops: int, radius_m: float) -> Batch:

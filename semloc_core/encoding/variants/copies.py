@@ -20,7 +20,7 @@ from semloc_core.encoding.encoder.layers import SumLayer, trim
 from semloc_core.encoding.encoder.paper.encoder import TINY, PaperEncoder
 from semloc_core.encoding.place_graph import Batch
 from semloc_core.encoding.variants.root_attention import Attended, RootAttention
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 MOST_NODES = 600
 """Beyond these the dense adjacency matrix costs more than it saves."""

@@ -9,7 +9,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from semloc_core.encoding.encoder.paper.gatv2 import NEGATIVE_SLOPE, GATv2
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 
 @short_repr

@@ -15,7 +15,7 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

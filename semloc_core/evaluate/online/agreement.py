@@ -20,9 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.evaluate.online.fragments import stars_along
-from semloc_core.graph.arrays import Floats, GraphArrays, Ints
-from semloc_core.graph.visibility import object_distances
-from semloc_core.sources.simulate.walks import Walk
+from semloc_core.graph import Floats, GraphArrays, Ints, object_distances
+from semloc_core.sources import Walk
 
 REACH_M = 30.0
 TOLERANCE_M = 2.0

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core import metrics
 from semloc_core.evaluate.online.fragments import answered
 from semloc_core.evaluate.relocalise import Arena
-from semloc_core.graph.arrays import Floats, Ints
-from semloc_core.metrics import precision_recall as metrics
-from semloc_core.sources.simulate.walks import Walk, WalkConfig, walk
-from semloc_core.text.representation import short_repr
-from semloc_core.tracking.place_filter import MapModel, PlaceFilter, map_model
+from semloc_core.graph import Floats, Ints
+from semloc_core.sources import Walk, WalkConfig, walk
+from semloc_core.text import short_repr
+from semloc_core.tracking import MapModel, PlaceFilter, map_model
 
 Bools = NDArray[np.bool_]
 Similarities = NDArray[np.float32]

@@ -20,8 +20,8 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from semloc_core.graph.arrays import Floats, Ints
-from semloc_core.text.representation import short_repr
+from semloc_core.graph import Floats, Ints
+from semloc_core.text import short_repr
 
 _FAINT = 1e-9
 _CHANGE = 1e-8

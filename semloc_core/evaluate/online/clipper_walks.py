@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from semloc_core import metrics
 from semloc_core.evaluate.online.answers import OnlineWalk, by_chance, steps_at, verdict
 from semloc_core.evaluate.online.clipper import ClipperConfig, register, upright_fit
 from semloc_core.evaluate.online.verified import groups_of, success_rows
 from semloc_core.evaluate.relocalise import Arena
 from semloc_core.evaluate.verified_answers import turned
-from semloc_core.graph.arrays import Floats, GraphArrays
-from semloc_core.metrics import precision_recall as metrics
-from semloc_core.metrics.rows import Progress, Row, no_progress
+from semloc_core.graph import Floats, GraphArrays
+from semloc_core.metrics import Progress, Row, no_progress
 
 METHOD = "clipper"
 

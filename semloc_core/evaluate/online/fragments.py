@@ -8,14 +8,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from semloc_core.encoding.model import Model, embed_batch
-from semloc_core.encoding.place_graph import Batch, extract_all
-from semloc_core.encoding.place_graph.batch import batch_of_arrays
-from semloc_core.encoding.place_graph.free_space import Bands, free_space, place_cells
-from semloc_core.graph.arrays import Ints
-from semloc_core.graph.geodesic import many_balls
-from semloc_core.matching.observation import REACH_M, RING_CENTRES_M, Surroundings, ring_shares
-from semloc_core.sources.simulate.walks import Walk
+from semloc_core.encoding import Bands, Batch, Model, batch_of_arrays, embed_batch, extract_all, free_space, place_cells
+from semloc_core.graph import Ints, many_balls
+from semloc_core.matching import REACH_M, RING_CENTRES_M, Surroundings, ring_shares
+from semloc_core.sources import Walk
 
 
 def embed_walk(model: Model, walk: Walk) -> NDArray[np.float32]:

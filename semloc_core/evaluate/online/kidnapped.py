@@ -6,14 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from semloc_core.encoding.model import Model, embed_graph
+from semloc_core import metrics
+from semloc_core.encoding import Model, embed_graph, similarity_matrix
 from semloc_core.evaluate.online.answers import OnlineWalk, Similarities, believed, steps_at, verdict
 from semloc_core.evaluate.online.fragments import answered, embed_walk, surroundings_along
 from semloc_core.evaluate.relocalise import Arena
-from semloc_core.metrics import precision_recall as metrics
-from semloc_core.metrics.calibration import accepted_share
-from semloc_core.metrics.rows import Row
-from semloc_core.tracking.place_filter import FilterConfig, MapModel, PlaceFilter
+from semloc_core.metrics import Row, accepted_share
+from semloc_core.tracking import FilterConfig, MapModel, PlaceFilter
 
 
 def judge_kidnapped(
@@ -129,7 +128,7 @@ class _Evidence:
 
     def _of(self, path: OnlineWalk) -> tuple[OnlineWalk, Similarities, Similarities]:
         if id(path) not in self._kept:
-            similarity = metrics.similarity_matrix(embed_walk(self._model, path.walk), self._database)
+            similarity = similarity_matrix(embed_walk(self._model, path.walk), self._database)
             evidence = similarity
             if self._places is not None:
                 seen = surroundings_along(path.walk, self._model.encoder.n_classes)

@@ -8,16 +8,16 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.evaluate.online.answers import by_chance, make_walks, steps_at, verdict
 from semloc_core.evaluate.online.verified import groups_of, success_rows
 from semloc_core.evaluate.relocalise import make_arena, read_buildings
 from semloc_core.evaluate.verified_answers import fragments_along
-from semloc_core.graph.labelspace import union
-from semloc_core.matching.layout import LayoutConfig, LayoutVerifier
-from semloc_core.metrics import precision_recall as metrics
-from semloc_core.metrics.rows import Progress, Row, no_progress
-from semloc_core.sources.simulate.walks import WalkConfig
+from semloc_core.graph import union
+from semloc_core.matching import LayoutConfig, LayoutVerifier
+from semloc_core.metrics import Progress, Row, no_progress
+from semloc_core.sources import WalkConfig
 
 SCOPES_M = (0.0, 5.0, 10.0, 20.0)
 FULL = LayoutConfig()

@@ -13,8 +13,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoding.model import Model, embed_graph
+from semloc_core.encoding import Model, embed_graph, similarity_matrix
 from semloc_core.evaluate.online.agreement import Agreement
 from semloc_core.evaluate.online.answers import (
     OnlineWalk,
@@ -31,11 +32,10 @@ from semloc_core.evaluate.online.kidnapped import judge_foreign, judge_kidnapped
 from semloc_core.evaluate.online.verified import groups_of, judge_online_layout, success_rows
 from semloc_core.evaluate.relocalise import Arena, fitted, make_arena, read_buildings
 from semloc_core.evaluate.verified_answers import layout_verifier
-from semloc_core.graph.labelspace import union
-from semloc_core.metrics import precision_recall as metrics
-from semloc_core.metrics.rows import Progress, Row, no_progress
-from semloc_core.sources.simulate.walks import WalkConfig
-from semloc_core.tracking.place_filter import FilterConfig, MapModel, PlaceFilter
+from semloc_core.graph import union
+from semloc_core.metrics import Progress, Row, no_progress
+from semloc_core.sources import WalkConfig
+from semloc_core.tracking import FilterConfig, MapModel, PlaceFilter
 
 ENCODERS = ("bag_of_words", "rings")
 SCOPES_M = (0.0, 5.0, 10.0, 20.0, 40.0)
@@ -160,9 +160,9 @@ def judge_online(
         for home, by in chance.items():
             by[i] = by_chance(arena, path, at, radius_m, known=home == "known")
         if places is None:
-            similarity = metrics.similarity_matrix(embed_walk(model, path.walk.at(at)), database)
+            similarity = similarity_matrix(embed_walk(model, path.walk.at(at)), database)
         else:
-            every = metrics.similarity_matrix(embed_walk(model, path.walk), database)
+            every = similarity_matrix(embed_walk(model, path.walk), database)
             similarity = every[at]
             evidence = places.evidence(surroundings_along(path.walk, model.encoder.n_classes), every, FilterConfig())
         for (filter_, home), right in verdicts.items():

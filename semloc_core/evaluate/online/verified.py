@@ -6,19 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from semloc_core.encoding.model import Model, embed_graph
+from semloc_core import metrics
+from semloc_core.encoding import Model, embed_graph, similarity_matrix
 from semloc_core.evaluate.online.answers import Bools, OnlineWalk, believed, by_chance, steps_at, verdict
 from semloc_core.evaluate.online.fragments import answered, embed_walk, surroundings_along
 from semloc_core.evaluate.relocalise import Arena
 from semloc_core.evaluate.verified_answers import add_error, any_frame, fragments_along, reranked, verified_evidence
-from semloc_core.graph.arrays import Floats, Ints
-from semloc_core.matching.layout import LayoutVerifier
-from semloc_core.matching.layout.pose.placed import Placed
-from semloc_core.metrics import precision_recall as metrics
-from semloc_core.metrics.calibration import accepted_share, expected_calibration_error
-from semloc_core.metrics.pose_error import PoseErrors
-from semloc_core.metrics.rows import Row
-from semloc_core.tracking.place_filter import FilterConfig, MapModel, PlaceFilter
+from semloc_core.graph import Floats, Ints
+from semloc_core.matching import LayoutVerifier, Placed
+from semloc_core.metrics import PoseErrors, Row, accepted_share, expected_calibration_error
+from semloc_core.tracking import FilterConfig, MapModel, PlaceFilter
 
 
 def judge_online_layout(
@@ -68,7 +65,7 @@ def judge_online_layout(
         for home, by in chance.items():
             by[i] = by_chance(arena, path, at, radius_m, known=home == "known")
         steps = at if places is None else np.arange(path.walk.steps)
-        similarity = metrics.similarity_matrix(embed_walk(model, path.walk.at(steps)), database)
+        similarity = similarity_matrix(embed_walk(model, path.walk.at(steps)), database)
         fragments = fragments_along(path.walk, steps, verifier, np.random.default_rng([seed, i]))
         rows = np.searchsorted(steps, at)
         chosen = [fragments[row] for row in rows.tolist()]

@@ -7,12 +7,11 @@ from typing import Any
 
 import msgspec
 
-from semloc_core.encoding.encoder.paper.encoder import PaperConfig
+from semloc_core.encoding import PaperConfig
 from semloc_core.evaluate.paper.office import SEEDS, judge_trainings, summarise
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.metrics.rows import Progress, Row, no_progress
-from semloc_core.training.config import PerturbConfig, TrainConfig
+from semloc_core.graph import GraphArrays, Labelspace
+from semloc_core.metrics import Progress, Row, no_progress
+from semloc_core.training import PerturbConfig, TrainConfig
 
 VARIANTS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("1 layer", {"layers": 1}),

@@ -11,11 +11,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from semloc_core import metrics
 from semloc_core.evaluate.paper.office import judge_baseline
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.metrics import precision_recall as metrics
-from semloc_core.metrics.rows import Progress, Row, no_progress
-from semloc_core.sources.world import OfficeConfig, make_office
+from semloc_core.graph import GraphArrays
+from semloc_core.metrics import Progress, Row, no_progress
+from semloc_core.sources import OfficeConfig, make_office
 
 PAPER: Row = {"method": "bag_of_words", "scope": "paper, test", "pr_auc": 0.243, "f1": 0.360}
 """Bag of words in the paper's Table II."""

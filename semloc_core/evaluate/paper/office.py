@@ -17,16 +17,22 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from semloc_core.encoding.encoder import build_encoder
-from semloc_core.encoding.model import Model, embed_graph
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.metrics import precision_recall as metrics
-from semloc_core.metrics.rows import Progress, Row, no_progress
-from semloc_core.training.config import PerturbConfig, TrainConfig
-from semloc_core.training.loop import Report, train
-from semloc_core.training.split import PARTS, Part, Split, positive_pairs, split_places
-from semloc_core.training.views.perturb import perturb
+from semloc_core import metrics
+from semloc_core.encoding import Model, build_encoder, embed_graph, similarity_matrix
+from semloc_core.graph import GraphArrays, Labelspace
+from semloc_core.metrics import Progress, Row, no_progress
+from semloc_core.training import (
+    PARTS,
+    Part,
+    PerturbConfig,
+    Report,
+    Split,
+    TrainConfig,
+    perturb,
+    positive_pairs,
+    split_places,
+    train,
+)
 
 LossName = Literal["contrastive", "triplet", "infonce"]
 
@@ -167,7 +173,7 @@ def judge_model(
     for scope, part in JUDGED.items():
         asked, known = query_parts == PARTS.index(part), map_parts == PARTS.index(part)
         pairs[scope] = (
-            metrics.similarity_matrix(z_query[asked], z_map[known]),
+            similarity_matrix(z_query[asked], z_map[known]),
             positive_pairs(query.place_positions[asked], reference.place_positions[known], radius_m),
         )
     threshold = metrics.fit_threshold(*pairs["val"])

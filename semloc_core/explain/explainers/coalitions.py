@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.errors import ConfigError
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 Floats = NDArray[np.float64]
 Game = Callable[[NDArray[np.bool_]], Floats]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 
-from semloc_core.encoding.model import Model
+from semloc_core.encoding import Model
 from semloc_core.fleet.milvus import collections as layout
 from semloc_core.fleet.milvus.address import MilvusAddress
 from semloc_core.fleet.milvus.reading import read_change

@@ -12,7 +12,7 @@ import numpy as np
 from semloc_core.errors import MapError
 from semloc_core.fleet.milvus.rows import integer, text
 from semloc_core.fleet.source import Nearest
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 _HNSW_EF = 1.5  # candidates looked at for each that is wanted
 _MOST_EF = 32_768

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from semloc_core.encoding.model import Model
+from semloc_core.encoding import Model
 from semloc_core.errors import MapError, SemlocError
 from semloc_core.fleet.milvus import collections as layout
 from semloc_core.fleet.milvus.rows import (
@@ -24,9 +24,8 @@ from semloc_core.fleet.milvus.rows import (
     unpack,
 )
 from semloc_core.fleet.milvus.server import MAX_ROWS, NoCollectionError, Server
-from semloc_core.map_database.loaded import StoredBuilding
-from semloc_core.map_database.stored.records import MAX_BUILDINGS, PlaceRows
-from semloc_core.text.representation import short_repr
+from semloc_core.map_database import MAX_BUILDINGS, PlaceRows, StoredBuilding
+from semloc_core.text import short_repr
 
 _PIECES_AT_ONCE = 256  # 16 MiB of text
 _POINTERS_AT_ONCE = 512  # at most 32 MiB

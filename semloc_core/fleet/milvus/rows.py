@@ -20,10 +20,18 @@ from msgspec import Meta
 from semloc_core.errors import MapError
 from semloc_core.fleet.milvus import collections as layout
 from semloc_core.fleet.source import BuildingEntry
-from semloc_core.map_database.history import MAX_HISTORY_BYTES, ClassChange, unpack_history
-from semloc_core.map_database.loaded import StoredBuilding
-from semloc_core.map_database.stored.records import MAX_GRAPH_BYTES, PackedGraph, PlaceRows, building_digest, check_name
-from semloc_core.map_database.stored.schema import MAX_BLOB_BYTES
+from semloc_core.map_database import (
+    MAX_BLOB_BYTES,
+    MAX_GRAPH_BYTES,
+    MAX_HISTORY_BYTES,
+    ClassChange,
+    PackedGraph,
+    PlaceRows,
+    StoredBuilding,
+    building_digest,
+    check_name,
+    unpack_history,
+)
 
 FORMAT_VERSION = 1
 MAX_PLACES = 10_000_000  # of a building

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.encoding.model import Model
+from semloc_core.encoding import Model
 from semloc_core.errors import MapError, MapUnavailableError
 from semloc_core.fleet.milvus import collections as layout
 from semloc_core.fleet.milvus.address import MilvusAddress
@@ -20,7 +20,7 @@ from semloc_core.fleet.milvus.reading import State, current, read_building, read
 from semloc_core.fleet.milvus.rows import MissingRowsError
 from semloc_core.fleet.milvus.server import DEFAULT_TIMEOUT_S, MAX_ROWS, Server
 from semloc_core.fleet.source import Catalogue, Fetched, Nearest
-from semloc_core.map_database.stored.records import content_hash
+from semloc_core.map_database import content_hash
 
 POLL_S = 1.0
 _BUILDINGS_AT_ONCE = 4096  # named in one search

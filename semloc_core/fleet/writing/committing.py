@@ -9,14 +9,14 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Mapping
 
-from semloc_core.encoding.model import Model
+from semloc_core.encoding import Model
 from semloc_core.errors import MapError
 from semloc_core.fleet.milvus import collections as layout
 from semloc_core.fleet.milvus.reading import State, state_now
 from semloc_core.fleet.milvus.rows import FORMAT_VERSION, MapRow, Pointer, Row, blob_rows, integer, pack, place_rows
 from semloc_core.fleet.milvus.server import Server
 from semloc_core.fleet.writing.conflicts import Draft, check_unchanged
-from semloc_core.map_database.stored.schema import MAX_BLOB_BYTES
+from semloc_core.map_database import MAX_BLOB_BYTES
 
 _RENEW_S = 30.0
 _BYTES_AT_ONCE = 4 * 2**20

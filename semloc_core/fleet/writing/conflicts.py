@@ -7,10 +7,8 @@ from dataclasses import dataclass
 
 from semloc_core.errors import MapError
 from semloc_core.fleet.milvus.reading import State
-from semloc_core.map_database.history import ClassChange, unpack_history
-from semloc_core.map_database.loaded import StoredBuilding
-from semloc_core.map_database.stored.records import PlaceRows
-from semloc_core.text.representation import short_repr
+from semloc_core.map_database import ClassChange, PlaceRows, StoredBuilding, unpack_history
+from semloc_core.text import short_repr
 
 
 @short_repr

@@ -15,7 +15,7 @@ from typing import Unpack
 
 from numpy.typing import ArrayLike
 
-from semloc_core.encoding.model import Model
+from semloc_core.encoding import Model
 from semloc_core.errors import MapError
 from semloc_core.fleet.milvus import collections as layout
 from semloc_core.fleet.milvus.address import MilvusAddress
@@ -26,17 +26,19 @@ from semloc_core.fleet.writing.committing import commit
 from semloc_core.fleet.writing.conflicts import Draft
 from semloc_core.fleet.writing.opened import OpenedMap
 from semloc_core.fleet.writing.sweeping import GRACE_S, sweep
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.map_database.history import History, pack_history
-from semloc_core.map_database.loaded import StoredBuilding
-from semloc_core.map_database.stored.records import (
+from semloc_core.graph import SceneGraph
+from semloc_core.map_database import (
+    History,
     Note,
     PlaceRows,
+    StoredBuilding,
+    check_in_graph,
     check_name,
     check_places,
+    pack_history,
+    stored_building,
     unpack_graph,
 )
-from semloc_core.map_database.stored.write import check_in_graph, stored_building
 
 logger = logging.getLogger(__name__)
 

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from semloc_core.fleet.writing.database import FleetDatabase
-from semloc_core.graph.classes import read_graph
-from semloc_core.graph.storeys import storeys_of
-from semloc_core.map_database.info import describe_building, describe_meta, describe_storeys
+from semloc_core.graph import read_graph, storeys_of
+from semloc_core.map_database import describe_building, describe_meta, describe_storeys
 
 
 def describe_server_map(database: FleetDatabase) -> dict[str, Any]:

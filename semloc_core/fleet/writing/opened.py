@@ -5,16 +5,23 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Mapping
 
-from semloc_core.encoding.model import Model
+from semloc_core.encoding import Model
 from semloc_core.errors import MapError
 from semloc_core.fleet.milvus.reading import State, read_building, read_model, read_state, state_now
 from semloc_core.fleet.milvus.server import Server
 from semloc_core.fleet.writing.conflicts import Draft
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.map_database.history import ClassChange, History, unpack_history
-from semloc_core.map_database.loaded import StoredBuilding
-from semloc_core.map_database.stored.meta import MapMeta, check_hash
-from semloc_core.map_database.stored.records import PlaceRows, content_hash, unpack_graph
+from semloc_core.graph import SceneGraph
+from semloc_core.map_database import (
+    ClassChange,
+    History,
+    MapMeta,
+    PlaceRows,
+    StoredBuilding,
+    check_hash,
+    content_hash,
+    unpack_graph,
+    unpack_history,
+)
 
 _KEPT = 4  # buildings as they were read
 

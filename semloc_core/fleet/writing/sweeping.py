@@ -13,7 +13,7 @@ from semloc_core.fleet.milvus import collections as layout
 from semloc_core.fleet.milvus.reading import State, read_state
 from semloc_core.fleet.milvus.rows import integer
 from semloc_core.fleet.milvus.server import Server
-from semloc_core.map_database.stored.records import MAX_BUILDINGS
+from semloc_core.map_database import MAX_BUILDINGS
 
 logger = logging.getLogger(__name__)
 

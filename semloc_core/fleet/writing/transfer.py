@@ -6,11 +6,15 @@ from collections.abc import Sequence
 
 from semloc_core.errors import MapError
 from semloc_core.fleet.writing.database import FleetDatabase
-from semloc_core.map_database.building_patterns import matching_buildings
-from semloc_core.map_database.loaded import LoadedMap, StoredBuilding
-from semloc_core.map_database.protocols import WritableMap
-from semloc_core.map_database.stored.records import PlaceRows, building_digest
-from semloc_core.map_merge.store import embed_again, map_weights
+from semloc_core.map_database import (
+    LoadedMap,
+    PlaceRows,
+    StoredBuilding,
+    WritableMap,
+    building_digest,
+    matching_buildings,
+)
+from semloc_core.map_merge import embed_again, map_weights
 
 
 def push(loaded: LoadedMap, database: FleetDatabase, patterns: Sequence[str] = ()) -> tuple[int, int]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.introspection.agreement.ranks import concordance, spearman
-from semloc_core.metrics.rows import Row
+from semloc_core.metrics import Row
 
 COUNTS = {"CH": 28, "CO": 11, "CP": 35, "PL": 13, "PA": 8, "TC": 15}
 """Table I: chairs, couches, computers, plants, paintings, trash cans."""
@@ -74,7 +74,7 @@ def main() -> None:
     """Print the rows."""
     from rich.console import Console
 
-    from semloc_core.metrics.table import print_table
+    from semloc_core.metrics import print_table
 
     print_table(paper_rows(), title="the paper's Table IV", console=Console(file=sys.stdout, width=140))
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from semloc_core.introspection.agreement.ranks import concordance, spearman
 from semloc_core.introspection.class_lift import lift, of_class
 from semloc_core.introspection.run import ABLATION, Run
-from semloc_core.metrics.rows import Row
+from semloc_core.metrics import Row
 
 ALL_EXPLAINERS = "all explainers"
 Floats = NDArray[np.float64]

@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semloc_core.errors import GraphError, MapError, MessageError
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.graph.storeys import storeys_of
+from semloc_core.graph import SceneGraph, storeys_of
 from semloc_core.map_database.history import History, unpack_history
-from semloc_core.text.representation import short_repr
-from semloc_core.wire.codec import decode_update, encode
+from semloc_core.text import short_repr
+from semloc_core.wire import decode_update, encode
 
 F = TypeVar("F", np.float32, np.float64)
 

@@ -6,7 +6,7 @@ import sqlite3
 from collections.abc import Sequence
 
 from semloc_core.errors import MapError
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import SceneGraph
 from semloc_core.map_database.history import History, pack_history
 from semloc_core.map_database.loaded import StoredBuilding
 from semloc_core.map_database.stored.records import (

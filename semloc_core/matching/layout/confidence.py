@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.graph.arrays import Floats, Ints
+from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
 from semloc_core.matching.layout.verifier import Verified
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 FEATURES = (
     "margin",

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semloc_core.graph.arrays import Floats, Ints
+from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
 from semloc_core.matching.layout.pose.expected_objects import expected_each
 from semloc_core.matching.layout.pose.heading_vote import HEADINGS, STEP
 from semloc_core.matching.layout.pose.local_map import Complex, There, around_rows
 from semloc_core.matching.layout.verifier import LayoutVerifier, Verified
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 EXPLAINED = float(np.log(2.0))
 """Nats from which on an object is likelier a mapped one than invented."""

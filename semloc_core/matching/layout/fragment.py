@@ -8,11 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph.arrays import Floats, GraphArrays, Ints
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, SceneGraph
 from semloc_core.matching.layout.config import LayoutConfig
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 CELL_M = 0.8
 """Places are thinned to one a cell of this size, so that a mapper that lays them closer has no louder voice."""

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph.arrays import Floats, Ints
-from semloc_core.graph.storeys import separate
+from semloc_core.graph import Floats, Ints, separate
 from semloc_core.matching.layout.building.free_space_cost import Rooms
 from semloc_core.matching.layout.building.layout import LayoutPart
 from semloc_core.matching.layout.building.objects_by_place import Around

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph.arrays import Floats, Ints
+from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.building.objects_by_place import sums
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.observation import ObservationConfig
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 RING_CENTRES_M = np.array([0.0, 2.0, 4.0, 6.0, 8.5, 11.5])
 RING_WIDTHS_M = np.array([1.0, 1.0, 1.0, 1.2, 1.5, 1.8])

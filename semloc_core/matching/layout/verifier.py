@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph.arrays import Floats, GraphArrays, Ints
+from semloc_core.graph import Floats, GraphArrays, Ints
 from semloc_core.matching.layout.building.layout import APART_M, LayoutPart
 from semloc_core.matching.layout.config import LayoutConfig
 from semloc_core.matching.layout.fragment import Fragment
@@ -16,7 +16,7 @@ from semloc_core.matching.layout.map_layout import MappedLayout
 from semloc_core.matching.layout.pose.align import align
 from semloc_core.matching.layout.pose.heading_vote import best_poses, heading_scores
 from semloc_core.matching.layout.ring_score import CoarseScan, affordable
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 
 @short_repr

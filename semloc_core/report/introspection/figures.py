@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from semloc_core.report.colours import INK, SCALE, ClassLooks, styles
 from semloc_core.report.drawing import WIDTH, bare, figure, shown
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 Floats = NDArray[np.float64]
 CONTROL_LINES: tuple[tuple[int, tuple[float, ...]], ...] = ((0, (1, 1.5)), (0, (4, 2.5)), (0, (6, 2, 1, 2)))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from semloc_core.introspection.hypotheses import overall
-from semloc_core.metrics.rows import Row
+from semloc_core.introspection import overall
+from semloc_core.metrics import Row
 from semloc_core.report.introspection.sections import readable
 from semloc_core.report.page import Section, Table
 

@@ -6,10 +6,7 @@ from collections import Counter
 
 from semloc_core import __version__
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.introspection.hypotheses import most_faithful, overall
-from semloc_core.introspection.run import ABLATION
-from semloc_core.introspection.study import Introspection
-from semloc_core.introspection.views import matrices, typical_query
+from semloc_core.introspection import ABLATION, Introspection, matrices, most_faithful, overall, typical_query
 from semloc_core.report.introspection import sections, trust
 from semloc_core.report.introspection.hypotheses import NAMES, hypotheses
 from semloc_core.report.page import Fact, Page, Section

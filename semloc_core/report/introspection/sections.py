@@ -7,12 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from semloc_core.introspection.agreement.ranks import spearman
-from semloc_core.introspection.rows import ranking_rows
-from semloc_core.introspection.run import ABLATION, Run
-from semloc_core.introspection.views import Matrices, plan_parts, similarity_to_map
-from semloc_core.metrics.rows import Row
-from semloc_core.metrics.table import HIGH, LOW, STD
+from semloc_core.introspection import ABLATION, Matrices, Run, plan_parts, ranking_rows, similarity_to_map, spearman
+from semloc_core.metrics import HIGH, LOW, STD, Row
 from semloc_core.report.colours import ClassLooks
 from semloc_core.report.drawing import to_svg
 from semloc_core.report.floor_plan import Plan, similarity_figure

@@ -4,14 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from semloc_core.explain.explainers.by_name import CONTROLS
-from semloc_core.explain.fidelity import BUDGET
-from semloc_core.introspection.agreement.rows import ALL_EXPLAINERS, correlation
-from semloc_core.introspection.run import ABLATION
-from semloc_core.introspection.sanity import mean_rows
-from semloc_core.introspection.study import Introspection
-from semloc_core.introspection.whole_map import INVERTED
-from semloc_core.metrics.rows import Row
+from semloc_core.explain import BUDGET, CONTROLS
+from semloc_core.introspection import ABLATION, ALL_EXPLAINERS, INVERTED, Introspection, correlation, mean_rows
+from semloc_core.metrics import Row
 from semloc_core.report.drawing import to_svg
 from semloc_core.report.introspection.figures import FidelityCurves, fidelity_figure, randomisation_figure
 from semloc_core.report.introspection.sections import plain, readable

@@ -12,23 +12,25 @@ from typing import TypeVar, cast
 
 import numpy as np
 
+from semloc_core import wire
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import BagError, MapError
-from semloc_core.map_database.loaded import LoadedMap
-from semloc_core.metrics.rows import Row
-from semloc_core.replay.traversal_score import LatencyHistogram, TraversalScore
+from semloc_core.map_database import LoadedMap
+from semloc_core.metrics import Row
+from semloc_core.replay import LatencyHistogram, TraversalScore
 from semloc_core.report.replay.thinned import Thinned
-from semloc_core.sources.bag import (
+from semloc_core.sources import (
     GROUND_TRUTH_TOPIC,
+    TOLERANCE_S,
     BagMessage,
     BagReader,
+    Run,
     Truth,
+    TruthMatcher,
     decode_string,
+    decode_truth,
 )
-from semloc_core.sources.run import Run, decode_truth
-from semloc_core.sources.truth import TOLERANCE_S, TruthMatcher
-from semloc_core.text.representation import short_repr
-from semloc_core.wire import codec as wire
+from semloc_core.text import short_repr
 
 T = TypeVar("T")
 POINTS = 2000

@@ -9,13 +9,13 @@ import numpy as np
 
 from semloc_core import __version__
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.map_database.loaded import LoadedMap
+from semloc_core.map_database import LoadedMap
 from semloc_core.report.colours import ClassLooks
 from semloc_core.report.floor_plan import Plan
 from semloc_core.report.page import Fact, Page, Section
 from semloc_core.report.replay import sections
 from semloc_core.report.replay.data import ReplayData
-from semloc_core.text.shares import percent
+from semloc_core.text import percent
 
 BUILDINGS = 6
 """Buildings drawn at most."""

@@ -7,13 +7,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from semloc_core.errors import BagError
-from semloc_core.map_database.loaded import LoadedMap
+from semloc_core.map_database import LoadedMap
 from semloc_core.report.colours import INK, OTHER, OTHER_STYLE, RIGHT, WRONG, ClassLooks
 from semloc_core.report.drawing import figure, shown, to_png
 from semloc_core.report.floor_plan import Floats, Plan, draw_building
 from semloc_core.report.replay.data import Attributed, Point, ReplayData
 from semloc_core.report.replay.page import class_order
-from semloc_core.text.shares import percent
+from semloc_core.text import percent
 
 _WIDTH, _LEAST_HEIGHT, _BARS = 9.0, 3.2, 6
 

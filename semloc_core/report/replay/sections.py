@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.metrics.rows import Row
+from semloc_core.metrics import Row
 from semloc_core.report.colours import OTHER, ClassLooks
 from semloc_core.report.drawing import to_svg
 from semloc_core.report.floor_plan import Plan, building_figure, confusion_figure, path_figure
@@ -22,7 +22,7 @@ from semloc_core.report.replay.time_figures import (
     status_figure,
     success_figure,
 )
-from semloc_core.text.shares import percent
+from semloc_core.text import percent
 
 CONFUSIONS = 10
 """Spots listed at most among those that wrong answers fell on."""

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from semloc_core.metrics.rows import Row
-from semloc_core.replay.traversal_score import FROM_METRES
+from semloc_core.metrics import Row
+from semloc_core.replay import FROM_METRES
 from semloc_core.report.colours import BLUE, GREY, INK, ORANGE, OTHER, OTHER_STYLE, ClassLooks, styles
 from semloc_core.report.drawing import bare, figure, shown
 

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from semloc_core.errors import BagError
-from semloc_core.text.representation import short_repr
-from semloc_core.wire.codec import Position
+from semloc_core.text import short_repr
+from semloc_core.wire import Position
 
 STRING = "std_msgs/msg/String"
 POINT_STAMPED = "geometry_msgs/msg/PointStamped"

@@ -21,7 +21,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Schema
 
 from semloc_core.errors import BagError
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 256 * 2**20

@@ -17,7 +17,7 @@ import yaml
 from semloc_core.errors import BagError
 from semloc_core.sources.bag.kinds import kind_of, unpacked
 from semloc_core.sources.bag.mcap_stream import MAX_RECORD_BYTES, McapStream
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 _LOG = logging.getLogger(__name__)
 _MAX_METADATA_BYTES = 4 * 2**20

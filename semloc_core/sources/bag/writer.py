@@ -38,7 +38,7 @@ from semloc_core.sources.bag.cdr import (
     encode_string,
 )
 from semloc_core.sources.bag.reader import BagMessage
-from semloc_core.wire.codec import Position
+from semloc_core.wire import Position
 
 _LOG = logging.getLogger(__name__)
 

@@ -11,8 +11,8 @@ from typing import TypeVar
 import msgspec
 
 from semloc_core.errors import FileFormatError
-from semloc_core.text.representation import short_repr
-from semloc_core.wire.codec import one_line
+from semloc_core.text import short_repr
+from semloc_core.wire import one_line
 
 MAX_FILE_BYTES = 2 * 2**30
 PLACE_TYPES = ("PlaceNodeAttributes", "Place2dNodeAttributes", "TraversabilityNodeAttributes")

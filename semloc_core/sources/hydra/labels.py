@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
 
-from semloc_core.graph.labelspace import LARGEST_ID, Labelspace, labelspace_from_hydra
+from semloc_core.graph import LARGEST_ID, Labelspace, labelspace_from_hydra
 from semloc_core.sources.hydra.format import OBJECT_LABELSPACE, Document, Node
 
 

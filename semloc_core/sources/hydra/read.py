@@ -12,10 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from semloc_core.errors import ConfigError, FileFormatError, LabelspaceError
-from semloc_core.graph.classes import Reading
-from semloc_core.graph.labelspace import LARGEST_ID, Labelspace
-from semloc_core.graph.repair import mend
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import LARGEST_ID, Labelspace, Reading, SceneGraph, mend
 from semloc_core.sources.hydra.format import (
     AGENT_TYPE,
     OBJECT_TYPES,
@@ -29,8 +26,8 @@ from semloc_core.sources.hydra.format import (
 )
 from semloc_core.sources.hydra.labels import LabelNames
 from semloc_core.sources.hydra.write import Room
-from semloc_core.text.representation import short_repr
-from semloc_core.wire.codec import Object, Place, Position, SceneGraphUpdate
+from semloc_core.text import short_repr
+from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
 
 FRAME_ID = "map"  # Hydra's; the files do not name theirs
 FARTHEST_M = 1e9

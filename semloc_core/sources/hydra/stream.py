@@ -7,11 +7,9 @@ from collections.abc import Iterable, Mapping
 import msgspec
 
 from semloc_core.errors import SemlocError
-from semloc_core.graph.classes import Reading
-from semloc_core.graph.delta import GraphDeltas
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import GraphDeltas, Reading, SceneGraph
 from semloc_core.sources.hydra.read import AgentPose, HydraFile, from_spark_dsg
-from semloc_core.wire.codec import Odometry, SceneGraphUpdate
+from semloc_core.wire import Odometry, SceneGraphUpdate
 
 DSG_UPDATE = "hydra_msgs/msg/DsgUpdate"
 

@@ -11,11 +11,10 @@ import msgspec
 
 from semloc_core.errors import FileFormatError
 from semloc_core.files import write_whole
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import Labelspace, SceneGraph
 from semloc_core.sources.hydra.format import OBJECT_LABELSPACE
-from semloc_core.text.representation import short_repr
-from semloc_core.wire.codec import Object, Position
+from semloc_core.text import short_repr
+from semloc_core.wire import Object, Position
 
 OBJECTS, PLACES, ROOMS, BUILDINGS = 2, 3, 4, 5
 UNLABELLED = 2**32 - 1

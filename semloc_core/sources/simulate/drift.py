@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semloc_core.graph.arrays import Floats
-from semloc_core.graph.drift import SHIFT_M, TURN_RAD
+from semloc_core.graph import SHIFT_M, TURN_RAD, Floats
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from semloc_core.errors import ConfigError, GraphError
-from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.text.representation import short_repr
-from semloc_core.wire.codec import Position
+from semloc_core.graph import SceneGraph
+from semloc_core.text import short_repr
+from semloc_core.wire import Position
 
 Neighbours = Mapping[str, Mapping[str, float]]
 

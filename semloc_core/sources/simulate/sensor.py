@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 import msgspec
 import numpy as np
 
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import SceneGraph
 from semloc_core.sources.simulate.drift import Frame
-from semloc_core.text.representation import short_repr
-from semloc_core.wire.messages import Object, Place, Position
+from semloc_core.text import short_repr
+from semloc_core.wire import Object, Place, Position
 
 INVENTED_WITHIN_M = 1.5
 """An invented object lies at most this far (per axis) from the place that it is attached to."""

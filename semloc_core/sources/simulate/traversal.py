@@ -16,13 +16,12 @@ import numpy as np
 from msgspec import Meta
 
 from semloc_core.config import checked
-from semloc_core.graph.geodesic import ball
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import SceneGraph, ball
 from semloc_core.sources.simulate.drift import Frame
 from semloc_core.sources.simulate.route import WalkPoint, walk_along, walk_to_goals
 from semloc_core.sources.simulate.sensor import Delta, DetectorErrors, Revealed, perceive
-from semloc_core.text.representation import short_repr
-from semloc_core.wire.messages import Odometry, Position, SceneGraphUpdate
+from semloc_core.text import short_repr
+from semloc_core.wire import Odometry, Position, SceneGraphUpdate
 
 _NS_PER_S = 1_000_000_000
 

@@ -16,10 +16,9 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from semloc_core.errors import GraphError
-from semloc_core.graph.arrays import Floats, GraphArrays, Ints
-from semloc_core.graph.drift import DriftMeter
+from semloc_core.graph import DriftMeter, Floats, GraphArrays, Ints
 from semloc_core.sources.simulate.drift import Frame
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 Bools = NDArray[np.bool_]
 NEAR_M = 4.0
@@ -259,7 +258,7 @@ def _way(
 
 def _perceived(graph: GraphArrays, config: WalkConfig, rng: np.random.Generator) -> GraphArrays:
     """The building with noise; an object that is moved goes to the place that is then nearest."""
-    from semloc_core.graph.resample import nearest_parents
+    from semloc_core.graph import nearest_parents
 
     place_noise, object_noise = rng.spawn(2)
     if config.place_noise_m > 0:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 Point = tuple[float, float]
 

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 
 from semloc_core.errors import ConfigError
-from semloc_core.graph.labelspace import load_labelspace
+from semloc_core.graph import load_labelspace
 from semloc_core.sources.world.floor_plan import CORRIDOR, RoomKind
 from semloc_core.sources.world.furniture import Furniture
 from semloc_core.sources.world.office import OfficeConfig, World, make_world_pair

@@ -9,15 +9,14 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from semloc_core.graph.labelspace import Labelspace, load_labelspace
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import Labelspace, SceneGraph, load_labelspace
 from semloc_core.sources.hydra.write import Room, node_id, write_hydra
 from semloc_core.sources.world.floor_plan import CORRIDOR, FloorPlan, RoomKind, corridor_plan
 from semloc_core.sources.world.furniture import Furniture, Item, furnish
 from semloc_core.sources.world.places import Floats, Ints, largest_component, sample_places, traversability
 from semloc_core.sources.world.second_run import SecondRun, detect
-from semloc_core.text.representation import short_repr
-from semloc_core.wire.codec import Object, Place, SceneGraphUpdate
+from semloc_core.text import short_repr
+from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 OFFICE_ROOMS = (
     RoomKind("open plan", 3, (12.2, 17.4), door_m=3.0),

@@ -9,14 +9,14 @@ import msgspec
 import numpy as np
 
 from semloc_core.errors import ConfigError
-from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph import SceneGraph
 from semloc_core.sources.hydra.write import Room, node_id
 from semloc_core.sources.world.floor_plan import FloorPlan
 from semloc_core.sources.world.furniture import Item
 from semloc_core.sources.world.kinds import ATTEMPTS, BuildingKind, draw_config
 from semloc_core.sources.world.office import OfficeConfig, World, furnished, laid_out
 from semloc_core.sources.world.second_run import SecondRun, detect
-from semloc_core.wire.codec import Object, Place, Position, SceneGraphUpdate
+from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
 
 STEPS = 5
 """Places on a flight of stairs."""

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semloc_core.encoding.place_graph import Batch, reach_all_batch, union
-from semloc_core.encoding.place_graph.extraction import Extraction
+from semloc_core.encoding import Batch, Extraction, reach_all_batch, union
 from semloc_core.errors import ConfigError, GraphError
-from semloc_core.graph.arrays import Floats, GraphArrays
-from semloc_core.sources.simulate.walks import WalkConfig, walk
-from semloc_core.text.representation import short_repr
+from semloc_core.graph import Floats, GraphArrays
+from semloc_core.sources import WalkConfig, walk
+from semloc_core.text import short_repr
 
 SHORTEST_M = 1.0
 """Least distance walked before a fragment is cut, but for those at the start."""

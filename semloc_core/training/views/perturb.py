@@ -10,9 +10,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from semloc_core.graph.arrays import Floats, GraphArrays
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.graph.resample import carried_sightings, nearest_parents, place_spacing, resample_places
+from semloc_core.graph import (
+    Floats,
+    GraphArrays,
+    Labelspace,
+    carried_sightings,
+    nearest_parents,
+    place_spacing,
+    resample_places,
+)
 from semloc_core.training.config import PerturbConfig
 from semloc_core.training.split import Bools
 

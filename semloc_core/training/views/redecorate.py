@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.resample import nearest_parents
+from semloc_core.graph import GraphArrays, nearest_parents
 
 MOVED = 0.7
 """Probability that a building's objects are also put elsewhere."""

@@ -9,11 +9,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from semloc_core.encoding.place_graph import Batch, extract_all
-from semloc_core.encoding.place_graph.extraction import Extraction
-from semloc_core.graph.arrays import Floats, GraphArrays
-from semloc_core.graph.labelspace import Labelspace
-from semloc_core.text.representation import short_repr
+from semloc_core.encoding import Batch, Extraction, extract_all
+from semloc_core.graph import Floats, GraphArrays, Labelspace
+from semloc_core.text import short_repr
 from semloc_core.training.config import PerturbConfig
 from semloc_core.training.split import PARTS, Bools, Part, Split, positive_pairs
 from semloc_core.training.views.fragments import Fragments, draw_fragments

@@ -28,10 +28,9 @@ from scene import Watching, describe, localiser
 
 from semloc_core.config import LocaliserConfig
 from semloc_core.map_database import load
-from semloc_core.replay.recorded import ATTRIBUTIONS_TOPIC, MATCHES_TOPIC, replay, score_results
-from semloc_core.sources.bag import BagReader, decode_string
-from semloc_core.sources.run import read_run
-from semloc_core.wire.codec import decode_update
+from semloc_core.replay import ATTRIBUTIONS_TOPIC, MATCHES_TOPIC, replay, score_results
+from semloc_core.sources import BagReader, decode_string, read_run
+from semloc_core.wire import decode_update
 
 STRING = "std_msgs/msg/String"
 

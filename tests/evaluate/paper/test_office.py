@@ -8,6 +8,7 @@ import pytest
 
 from semloc_core.encoding.encoder import build_encoder
 from semloc_core.encoding.model import Model, embed_graph
+from semloc_core.encoding.similarity import similarity_matrix
 from semloc_core.evaluate.paper.ablation import VARIANTS, evaluate_ablation
 from semloc_core.evaluate.paper.office import evaluate_office, judge_baseline, judge_model, office_variants
 from semloc_core.graph.arrays import GraphArrays
@@ -71,7 +72,7 @@ def test_figures_are_of_the_split_against_the_same_split_of_the_other_variant(
     pairs = {}
     for scope, part in (("val", "validation"), ("test", "test")):
         mask = split.mask(part)
-        similarity = metrics.similarity_matrix(embed_graph(model, query)[mask], embed_graph(model, reference)[mask])
+        similarity = similarity_matrix(embed_graph(model, query)[mask], embed_graph(model, reference)[mask])
         positions = small_arrays.place_positions[mask]
         pairs[scope] = similarity, positive_pairs(positions, positions, 4.0)
     threshold = metrics.fit_threshold(*pairs["val"])

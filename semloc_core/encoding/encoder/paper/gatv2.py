@@ -13,7 +13,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from semloc_core.encoding.encoder.layers import Linear
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 NEGATIVE_SLOPE = 0.2
 

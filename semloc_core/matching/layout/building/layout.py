@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from semloc_core.graph.arrays import Floats, GraphArrays, Ints
+from semloc_core.graph import Floats, GraphArrays, Ints
 from semloc_core.matching.layout.building.free_space_cost import Room, room_of
 from semloc_core.matching.layout.building.near_pairs import BLOCK_ROWS, Nearby, nearest, uncrowded
 from semloc_core.matching.layout.building.objects_by_place import Around, around_m

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph.arrays import Floats, Ints
-from semloc_core.graph.geodesic import ranges
+from semloc_core.graph import Floats, Ints, ranges
 
 MOST_NEAR = 1024
 """Objects that count around a place of the map, the nearest: no building has as many, and their number is a cost."""

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph.arrays import Floats, Ints
-from semloc_core.graph.geodesic import ranges
+from semloc_core.graph import Floats, Ints, ranges
 from semloc_core.matching.layout.config import LayoutConfig
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 Floats32 = NDArray[np.float32]
 

@@ -17,13 +17,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semloc_core.graph.arrays import Floats, Ints
+from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.building.objects_by_place import sums
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
 from semloc_core.matching.layout.pose.expected_objects import expected
 from semloc_core.matching.layout.pose.local_map import Complex, There, around_rows
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 ROUNDS = 4
 """Rounds of expectation–maximisation; they settle in two or three."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semloc_core.graph.arrays import Floats, Ints
+from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.building.objects_by_place import Floats32, around_m, sums
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph.arrays import Floats, Ints
+from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.map_layout import MappedLayout
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 Complex = NDArray[np.complex128]
 

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.graph.arrays import Floats, Ints
+from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.confidence import SHARPNESS
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
 from semloc_core.matching.layout.pose.refine import refine
 from semloc_core.matching.layout.verifier import Verified
-from semloc_core.text.representation import short_repr
+from semloc_core.text import short_repr
 
 SAME_M, SAME_RAD = 0.75, math.radians(20.0)
 """Aligned poses so near to one another are refined as one."""
