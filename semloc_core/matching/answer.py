@@ -18,8 +18,8 @@ from semloc_core.matching.posterior import Ranking
 from semloc_core.text import short_repr
 from semloc_core.wire import ClassAttributions, Match, PlaceMatches, Pose, Transform
 
-DIGITS = 9
-"""Of poses: beyond, they hang on the order in which a product was summed."""
+DIGITS, FARTHEST_M = 6, 1e9
+"""Of poses: as a message has them. Beyond, they hang on the order in which a product was summed."""
 
 
 @short_repr
@@ -150,13 +150,13 @@ def pose_in(placed: Placed, point: NDArray[np.float64], yaw: float | None) -> Po
         shrink = math.sqrt(NO_YAW / covariance[3, 3])
         covariance[3] *= shrink
         covariance[:, 3] *= shrink
-    x, y, z = _rounded(placed.of(point))
+    x, y, z = _rounded(np.clip(placed.of(point), -FARTHEST_M, FARTHEST_M))
     return Pose((x, y, z), None if heading is None else round(heading, DIGITS), _rounded(covariance))
 
 
 def transform_of(placed: Placed) -> Transform:
     """The same frame as a message has it."""
-    x, y, z = _rounded(placed.translation)
+    x, y, z = _rounded(np.clip(placed.translation, -FARTHEST_M, FARTHEST_M))
     return Transform((x, y, z), round(math.remainder(placed.yaw, 2 * math.pi), DIGITS))
 
 

@@ -240,7 +240,7 @@ class Live(Target):
             (stream._seq, at._seq, at._stamp_ns, at._odometry, at._explained_ns, at.unknown_classes),
             at._visibility and {name: value for name, value in vars(at._visibility).items() if name != "graph"},
             kept and (kept._slots, kept._free, kept._ids, kept._rows, kept._kind),
-            tracker and (tracker.filter.belief, tracker._stood, tracker._in_map),
+            tracker and (tracker.filter.belief, vars(tracker._way), tracker._in_map),
         )
         return msgspec.msgpack.encode(parts, enc_hook=np.ndarray.tobytes)
 
