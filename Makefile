@@ -35,11 +35,12 @@ $(VENV)/.test: $(VENV)/.tools
 demo: $(VENV)/.tools ## replay a simulated run against a map: matches, attributions, a report in out/demo
 	sh tools/demo.sh $(PY) $(OUT)/demo
 
-test: lint types unit ## ruff, mypy and the whole test suite
+test: lint types unit ## ruff, the order of the rooms, mypy and the whole test suite
 
 lint: $(VENV)/.test
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/lint-imports --no-cache
 
 types: $(VENV)/.test
 	$(VENV)/bin/mypy
@@ -70,7 +71,7 @@ SOAK ?= 300
 soak: $(VENV)/.test ## a million updates, a thousand reloads, SOAK kills and SOAK random sequences of updates
 	OMP_NUM_THREADS=1 $(PY) tests/soak/soak_run.py
 	SEMLOC_SOAK=$(SOAK) $(PY) -m pytest tests/soak tests/stateful tests/map_database/test_map_killed.py \
-		tests/fleet/test_fleet_writers.py tests/map_merge/test_merge_killed.py tests/test_whole_file.py \
+		tests/fleet/test_fleet_writers.py tests/map_merge/test_merge_killed.py tests/files/test_whole.py \
 		tests/test_extremes.py
 
 licences: $(VENV)/.test ## docs/licences.md: what we depend on, in which version, under which licence

@@ -1,6 +1,6 @@
 """``python -m semloc_core`` is the command ``semloc``."""
 
-from semloc_core.cli import ending
+from semloc_core.cli.shared import ending
 
 
 def command() -> None:

@@ -13,33 +13,38 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.ages import Ages
-from semloc_core.answer import Localisation, Located, Query, ServerState, matches_of, pose_in, transform_of
-from semloc_core.classes import Labels, all_unknown
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
-from semloc_core.explain.answered import EXPLAINER_SEED, answer_evidence, explain_answer
-from semloc_core.explain.layout_scores import LAYOUT
-from semloc_core.filter_model import MapModel
-from semloc_core.frames import frame_of
-from semloc_core.hint import LASTS_M, Hint
-from semloc_core.labelspace import lacks
-from semloc_core.layout.placed import Placed
-from semloc_core.map_database import LoadedMap
-from semloc_core.name_counter import NameCounter
-from semloc_core.poses import yaw_of
-from semloc_core.posterior import CANDIDATES, IN_MAP, Ranking, modes, place_probabilities
-from semloc_core.radius_index import RadiusIndex
-from semloc_core.reranker import Reranked, Reranker, verifier_of
-from semloc_core.short_repr import short_repr
-from semloc_core.stream import Outcome, UpdateStream
-from semloc_core.surroundings import Surroundings
-from semloc_core.tracker import Tracker
-from semloc_core.visibility import Visibility
+from semloc_core.encoding import Surroundings
+from semloc_core.explain import EXPLAINER_SEED, LAYOUT, answer_evidence, explain_answer
+from semloc_core.graph import Ages, Labels, Outcome, UpdateStream, Visibility, all_unknown, lacks
+from semloc_core.map_database import LoadedMap, frame_of
+from semloc_core.matching import (
+    CANDIDATES,
+    IN_MAP,
+    Localisation,
+    Located,
+    Placed,
+    Query,
+    RadiusIndex,
+    Ranking,
+    Reranked,
+    Reranker,
+    ServerState,
+    matches_of,
+    modes,
+    place_probabilities,
+    pose_in,
+    transform_of,
+    verifier_of,
+)
+from semloc_core.text import short_repr
+from semloc_core.tracking import LASTS_M, Hint, MapModel, Tracker
 from semloc_core.wire import (
     ClassAttributions,
     MapInfo,
     Match,
     ModelInfo,
+    NameCounter,
     Object,
     Odometry,
     PlaceMatches,
@@ -48,6 +53,7 @@ from semloc_core.wire import (
     Status,
     Transform,
     decode_update,
+    yaw_of,
 )
 
 __all__ = ["EXPLAINER_SEED", "Localisation", "Localiser", "Located", "Query"]

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import torch
 from hypothesis import HealthCheck, settings
+from small_worlds import small_arrays, small_worlds  # noqa: F401  # fixtures
 
 # Graphs in tests are small: on them a pool of threads costs many times what it saves. It must be said before the
 # first computation.

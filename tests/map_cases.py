@@ -9,13 +9,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from semloc_core.encoder import build_encoder
-from semloc_core.graph_arrays import GraphArrays
-from semloc_core.labelspace import Labelspace
+from semloc_core.encoding.encoder import build_encoder
+from semloc_core.encoding.model import Model
+from semloc_core.graph.arrays import GraphArrays
+from semloc_core.graph.labels.labelspace import Labelspace
+from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.map_database import LoadedMap, MapDatabase
-from semloc_core.model import Model
-from semloc_core.scene_graph import SceneGraph
-from semloc_core.wire import Object, Place, SceneGraphUpdate
+from semloc_core.wire.codec import Object, Place, SceneGraphUpdate
 
 ONE_LINE = r"^(/[^\n]*: )?expected [^\n]* \(got [^\n]*\)$"
 LABELS = Labelspace("test", ("chair", "table", "plant"))

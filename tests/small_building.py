@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
-from semloc_core.encoder import build_encoder
-from semloc_core.graph_arrays import GraphArrays
-from semloc_core.labelspace import Labelspace
+from semloc_core.encoding.encoder import build_encoder
+from semloc_core.encoding.model import Model, embed_graph
+from semloc_core.graph.arrays import GraphArrays
+from semloc_core.graph.labels.labelspace import Labelspace
+from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.map_database import LoadedMap, MapDatabase, load
-from semloc_core.model import Model, embed_graph
-from semloc_core.scene_graph import SceneGraph
-from semloc_core.wire import Object, Place, SceneGraphUpdate
+from semloc_core.wire.codec import Object, Place, SceneGraphUpdate
 
 CLASSES = ("chair", "couch", "plant", "painting")
 SPACE = Labelspace("test", CLASSES)

@@ -4,9 +4,9 @@ import pytest
 from small_building import CLASSES, building_update, delta, make_map, make_model
 
 from semloc_core.config import LocaliserConfig
-from semloc_core.labelspace import Labelspace
+from semloc_core.graph.changes.stream import Outcome
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.localiser import Localiser
-from semloc_core.stream import Outcome
 
 
 @pytest.fixture(scope="module")

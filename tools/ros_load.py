@@ -36,18 +36,16 @@ from std_msgs.msg import String
 
 from semloc_core import wire
 from semloc_core.errors import SemlocError
-from semloc_core.evaluate.table import document
-from semloc_core.file_kinds import FIGURES
-from semloc_core.outputs import Output, guarded
-from semloc_core.run import read_run
-from semloc_core.whole_file import write_whole
+from semloc_core.files import FIGURES, Output, guarded, write_whole
+from semloc_core.metrics import document
+from semloc_core.sources import read_run
 from semloc_ros import qos
 
 CORE = """
 import json, sys, time
 import torch
 torch.set_num_threads(1)
-from semloc_core import wire
+from semloc_core.wire import codec as wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import load

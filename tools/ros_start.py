@@ -28,11 +28,9 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 
 from semloc_core.errors import SemlocError
-from semloc_core.evaluate.table import document
-from semloc_core.file_kinds import FIGURES
-from semloc_core.outputs import Output, guarded
-from semloc_core.run import read_run
-from semloc_core.whole_file import write_whole
+from semloc_core.files import FIGURES, Output, guarded, write_whole
+from semloc_core.metrics import document
+from semloc_core.sources import read_run
 from semloc_ros import qos
 
 FLOOR = "import torch, numpy, rclpy; rclpy.init(); rclpy.create_node('floor'); print('up', flush=True); input()"

@@ -5,7 +5,9 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from semloc_core.cli.ending import print_plainly, stops
+from semloc_core.cli.shared.ending import print_plainly, stops
+
+__all__ = ["main"]
 
 
 def main() -> None:

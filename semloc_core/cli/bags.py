@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from semloc_core.cli.common import (
+from semloc_core.cli.shared.common import (
     LabelspaceOption,
     RobotOption,
     Seed,
@@ -18,8 +18,8 @@ from semloc_core.cli.common import (
     note,
     read_graph,
 )
-from semloc_core.cli.outputs import App, Writes
-from semloc_core.file_kinds import BAG
+from semloc_core.cli.shared.outputs import App, Writes
+from semloc_core.files import BAG
 
 app = App(no_args_is_help=True, help="Make bags.")
 
@@ -59,10 +59,8 @@ def simulate(
     """
     import numpy as np
 
-    from semloc_core.classes import Reading, advice
-    from semloc_core.labelspace import listed, number_of
-    from semloc_core.run import write_run
-    from semloc_core.simulate import SimulationConfig, simulate_traversal
+    from semloc_core.graph import Reading, advice, listed, number_of
+    from semloc_core.sources import SimulationConfig, simulate_traversal, write_run
 
     file = read_graph(graph, Reading.of(labelspace, synonyms))
     numbers = Counter(thing.class_ for thing in file.graph.objects.values() if number_of(thing.class_) is not None)

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from semloc_core.cli.common import Json, Seed, console, progress, show
-from semloc_core.cli.outputs import App, Writes
-from semloc_core.file_kinds import PICTURE
-from semloc_core.whole_file import write_whole
+from semloc_core.cli.shared.common import Json, Seed, console, progress, show
+from semloc_core.cli.shared.outputs import App, Writes
+from semloc_core.files import PICTURE, write_whole
 
 if TYPE_CHECKING:
-    from semloc_core.evaluate.bench_case import BenchCase
-    from semloc_core.evaluate.rows import Progress, Row
+    from semloc_core.benchmark import BenchCase
+    from semloc_core.metrics import Progress, Row
 
     Bench = Callable[[BenchCase, Progress], list[Row]]
 
@@ -32,7 +31,7 @@ def _peers() -> Iterator[None]:
     from semloc_core.errors import ConfigError
 
     try:
-        from semloc_core.evaluate.bench_explain import one_thread
+        from semloc_core.benchmark import one_thread
 
         with one_thread():
             yield
@@ -42,7 +41,7 @@ def _peers() -> Iterator[None]:
 
 def _run(command: str, title: str, seed: int, json_file: Path | None, *benches: Bench) -> list[Row]:
     with _peers(), progress("timing") as bar:
-        from semloc_core.evaluate.bench_case import make_bench_case
+        from semloc_core.benchmark import make_bench_case
 
         case = make_bench_case(seed)
         rows = [row for bench in benches for row in bench(case, bar)]
@@ -52,32 +51,31 @@ def _run(command: str, title: str, seed: int, json_file: Path | None, *benches: 
 
 
 def _update(case: BenchCase, bar: Progress) -> list[Row]:
-    from semloc_core.evaluate.bench_update import bench_update
-    from semloc_core.evaluate.bench_verified import bench_verified
+    from semloc_core.benchmark import bench_update, bench_verified
 
     return bench_update(case, progress=bar) + bench_verified(case, progress=bar)
 
 
 def _search(case: BenchCase, bar: Progress) -> list[Row]:
-    from semloc_core.evaluate.bench_search import bench_search
+    from semloc_core.benchmark import bench_search
 
     return bench_search(case, progress=bar)
 
 
 def _train(case: BenchCase, bar: Progress) -> list[Row]:
-    from semloc_core.evaluate.bench_train import bench_train
+    from semloc_core.benchmark import bench_train
 
     return bench_train(case, progress=bar)
 
 
 def _start(case: BenchCase, bar: Progress) -> list[Row]:
-    from semloc_core.evaluate.bench_start import bench_start
+    from semloc_core.benchmark import bench_start
 
     return bench_start(case, progress=bar)
 
 
 def _explain(case: BenchCase, bar: Progress) -> list[Row]:
-    from semloc_core.evaluate.bench_explain import bench_explain
+    from semloc_core.benchmark import bench_explain
 
     return bench_explain(progress=bar)
 
@@ -130,8 +128,8 @@ def growth(
     ] = None,
 ) -> None:
     """Time and memory against map, graph, objects in reach and classes."""
-    from semloc_core.evaluate.bench_growth import bench_growth
-    from semloc_core.report.growth_figure import growth_picture
+    from semloc_core.benchmark import bench_growth
+    from semloc_core.report import growth_picture
 
     rows = _run("bench growth", "growth", seed, json_file, lambda case, bar: bench_growth(case, progress=bar))
     if plot is not None:
@@ -142,7 +140,7 @@ def growth(
 def explain(repeats: Repeats = 20, seed: Seed = 0, json_file: Json = None) -> None:
     """Explainers beside PyG's and Captum's: the same weights and graph, one thread, one run."""
     with _peers(), progress("timing") as bar:
-        from semloc_core.evaluate.bench_explain import bench_explain
+        from semloc_core.benchmark import bench_explain
 
         rows = bench_explain(repeats, seed=seed, progress=bar)
     show("bench explain", seed, [], rows, json_file, title="explainers beside their peers, one thread")
@@ -170,9 +168,8 @@ def fleet(
     import tempfile
 
     with _peers(), progress("timing") as bar, tempfile.TemporaryDirectory() as folder:
-        from semloc_core.evaluate.bench_fleet import ROBOTS, SIZES, bench_fleet
-        from semloc_core.evaluate.fleet_server import FleetServer
-        from semloc_core.fleet.address import parse_address
+        from semloc_core.benchmark import ROBOTS, SIZES, FleetServer, bench_fleet
+        from semloc_core.fleet import parse_address
 
         address = parse_address(server) if server is not None else None
         with FleetServer(Path(folder) / "milvus", address) as running:

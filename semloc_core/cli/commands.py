@@ -9,10 +9,12 @@ from typing import Annotated
 import typer
 
 from semloc_core import __version__
-from semloc_core.cli import bags, bench, evaluate, explain, introspect, maps, replay, report, train, world
-from semloc_core.cli.ending import unread
-from semloc_core.cli.inputs import guard
-from semloc_core.cli.outputs import App
+from semloc_core.cli import bags, bench, explain, introspect, replay, report, train, world
+from semloc_core.cli.evaluate import commands as evaluate
+from semloc_core.cli.maps import commands as maps
+from semloc_core.cli.shared.ending import unread
+from semloc_core.cli.shared.inputs import guard
+from semloc_core.cli.shared.outputs import App
 from semloc_core.errors import SemlocError
 
 HELP = """Tells a robot where it is, and why it thinks so, from the semantics of a 3D scene graph.

@@ -9,25 +9,24 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from semloc_core.cli.common import (
+from semloc_core.cli.shared.common import (
     LabelspaceOption,
     RobotOption,
     SynonymsOption,
     TopicOption,
     read_graph_or_run,
 )
-from semloc_core.cli.foreign_classes import report_unknown_classes
-from semloc_core.cli.map_places import only_a_file
-from semloc_core.cli.outputs import Writes
+from semloc_core.cli.shared.foreign_classes import report_unknown_classes
+from semloc_core.cli.shared.map_places import only_a_file
+from semloc_core.cli.shared.outputs import Writes
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import ConfigError, GraphError
-from semloc_core.file_kinds import MESSAGES
-from semloc_core.node_ids import full_id, short_id
-from semloc_core.whole_file import write_whole
+from semloc_core.files import MESSAGES, write_whole
+from semloc_core.graph import full_id, short_id
 
 if TYPE_CHECKING:
-    from semloc_core.answer import Located
-    from semloc_core.scene_graph import SceneGraph
+    from semloc_core.graph import SceneGraph
+    from semloc_core.matching import Located
 
 NO_RIVALS = "expected an answer with rivals (got none: no other place is nearly as likely)"
 
@@ -77,10 +76,9 @@ def explain(
     Ids are printed as p86 or O12 where they are Hydra's, and are taken so, or whole.
     """
     from semloc_core import wire
-    from semloc_core.classes import Reading, advice, all_unknown
     from semloc_core.cli.explained import print_answer, print_brief, print_explanation
-    from semloc_core.explain.pair import asked_methods, check_asked, explain_pair
-    from semloc_core.labelspace import count_unknown
+    from semloc_core.explain import asked_methods, check_asked, explain_pair
+    from semloc_core.graph import Reading, advice, all_unknown, count_unknown
     from semloc_core.localiser import Localiser
     from semloc_core.map_database import load
 
@@ -123,7 +121,7 @@ def _map_row(
     located: Located, building: str | None, place: str | None, near: str | None, rival: int | None, within: float
 ) -> int:
     """The row of the map place that the options mean."""
-    from semloc_core.explain.pair import find_row
+    from semloc_core.explain import find_row
 
     if sum(option is not None for option in (place, near, rival)) > 1:
         raise ConfigError("expected one of --place, --place-near and --rival (got more)")

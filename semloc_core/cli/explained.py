@@ -9,9 +9,11 @@ from collections.abc import Sequence
 from rich.table import Table
 from rich.text import Text
 
-from semloc_core.cli.screen import console, cut, print_whole
-from semloc_core.explain.layout_scores import LAYOUT
-from semloc_core.messages import (
+from semloc_core.cli.shared.screen import console, cut, print_whole
+from semloc_core.explain import LAYOUT
+from semloc_core.graph import short_id
+from semloc_core.text import percent
+from semloc_core.wire import (
     ClassAttribution,
     Counterfactual,
     Explanation,
@@ -21,8 +23,6 @@ from semloc_core.messages import (
     WhyNot,
     WithoutClass,
 )
-from semloc_core.node_ids import short_id
-from semloc_core.percent import percent
 
 NAMED = 4
 """Classes, objects and rivals named in a line at most; ``--long`` names more."""

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from semloc_core.cli.common import (
+from semloc_core.cli.shared.common import (
     Json,
     LabelspaceOption,
     Seed,
@@ -17,11 +17,10 @@ from semloc_core.cli.common import (
     progress,
     read_graph,
 )
-from semloc_core.cli.foreign_classes import report_unknown_classes
-from semloc_core.cli.outputs import Writes
+from semloc_core.cli.shared.foreign_classes import report_unknown_classes
+from semloc_core.cli.shared.outputs import Writes
 from semloc_core.errors import ConfigError
-from semloc_core.file_kinds import PAGE, STUDY
-from semloc_core.whole_file import write_whole
+from semloc_core.files import PAGE, STUDY, write_whole
 
 
 def introspect(
@@ -69,21 +68,14 @@ def introspect(
 
     On a GRAPH it trains an encoder a seed; on a MAP it studies the map's own, on variants of the building by the seeds.
     """
-    from semloc_core.classes import Reading
-    from semloc_core.evaluate.hypotheses import overall
-    from semloc_core.evaluate.introspect import introspect as study
-    from semloc_core.evaluate.introspect_checks import check_lines
-    from semloc_core.evaluate.introspect_rows import ranking_rows
-    from semloc_core.evaluate.introspect_sanity import mean_rows
-    from semloc_core.evaluate.mobility_study import MOVED_M
-    from semloc_core.evaluate.table import cell, document, print_table
-    from semloc_core.explain.explainers import EXPLAINERS, check_methods
-    from semloc_core.explain.fidelity import BUDGET
-    from semloc_core.file_kinds import MAP, kind_of
-    from semloc_core.graph_arrays import GraphArrays
-    from semloc_core.labelspace import count_unknown
+    from semloc_core.explain import BUDGET, EXPLAINERS, check_methods
+    from semloc_core.files import MAP, kind_of
+    from semloc_core.graph import GraphArrays, Reading, count_unknown
+    from semloc_core.introspection import MOVED_M, check_lines, mean_rows, overall, ranking_rows
+    from semloc_core.introspection import introspect as study
     from semloc_core.map_database import load
-    from semloc_core.training.config import train_config
+    from semloc_core.metrics import cell, document, print_table
+    from semloc_core.training import train_config
 
     chosen = list(EXPLAINERS) if methods is None else [name.strip() for name in methods.split(",")]
     check_methods(chosen)
@@ -145,8 +137,7 @@ def introspect(
     if json_file is not None:
         write_whole(json_file, document("introspect", seed, [str(source)], [*table, *found.rows]))
     if output is not None or keep_file is not None:
-        from semloc_core.report.introspection_report import introspection_page
-        from semloc_core.report.kept import keep
+        from semloc_core.report import introspection_page, keep
 
         page = introspection_page(found, arrays.name)
         if keep_file is not None:

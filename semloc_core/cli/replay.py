@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from semloc_core.cli.common import (
+from semloc_core.cli.shared.common import (
     Json,
     LabelspaceOption,
     RobotOption,
@@ -21,16 +21,16 @@ from semloc_core.cli.common import (
     tell,
     write_json,
 )
-from semloc_core.cli.foreign_classes import report_unknown_classes
-from semloc_core.cli.outputs import Writes
+from semloc_core.cli.shared.foreign_classes import report_unknown_classes
+from semloc_core.cli.shared.outputs import Writes
 from semloc_core.config import LocaliserConfig, checked, options
-from semloc_core.file_kinds import BAG, TRAJECTORY
-from semloc_core.percent import percent
+from semloc_core.files import BAG, TRAJECTORY
+from semloc_core.text import percent
 
 if TYPE_CHECKING:
     from semloc_core.localiser import Localiser
-    from semloc_core.messages import ClassAttributions
     from semloc_core.replay import ReplaySummary
+    from semloc_core.wire import ClassAttributions
 
 _HELP = {option.name: option.description for option in options(LocaliserConfig)}
 _DEFAULT = LocaliserConfig()
@@ -100,12 +100,12 @@ def replay(
     )
     import torch
 
-    from semloc_core.classes import Reading, advice
     from semloc_core.cli.replay_table import print_summary
-    from semloc_core.open_map import open_localiser
-    from semloc_core.poses import TumWriter
+    from semloc_core.fleet import open_localiser
+    from semloc_core.graph import Reading, advice
     from semloc_core.replay import Answer
     from semloc_core.replay import replay as run_replay
+    from semloc_core.wire import TumWriter
 
     torch.set_num_threads(1)
     shown_ns: list[int] = []
@@ -184,7 +184,7 @@ def _tell_scoring(summary: ReplaySummary, localiser: Localiser) -> None:
 
 
 def _line(answer: object, seconds: float) -> str:
-    from semloc_core.explain.layout_scores import LAYOUT
+    from semloc_core.explain import LAYOUT
     from semloc_core.replay import Answer
 
     assert isinstance(answer, Answer)

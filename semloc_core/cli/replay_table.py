@@ -5,10 +5,9 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table
 
-from semloc_core.cli.screen import many, print_whole
-from semloc_core.percent import percent
-from semloc_core.replay import ReplaySummary
-from semloc_core.traversal_score import FROM_METRES
+from semloc_core.cli.shared.screen import many, print_whole
+from semloc_core.replay import FROM_METRES, ReplaySummary
+from semloc_core.text import percent
 
 MEASURES = {
     "queries": "answers",

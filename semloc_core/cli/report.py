@@ -7,11 +7,10 @@ from typing import Annotated
 
 import typer
 
-from semloc_core.cli.common import RobotOption, ToleranceOption, TopicOption, console
-from semloc_core.cli.map_places import only_a_file
-from semloc_core.cli.outputs import App, Writes
-from semloc_core.file_kinds import PAGE, PICTURE
-from semloc_core.whole_file import write_whole
+from semloc_core.cli.shared.common import RobotOption, ToleranceOption, TopicOption, console
+from semloc_core.cli.shared.map_places import only_a_file
+from semloc_core.cli.shared.outputs import App, Writes
+from semloc_core.files import PAGE, PICTURE, write_whole
 
 app = App(no_args_is_help=True, help="Make pages and pictures of what was measured; they open without a network.")
 
@@ -52,10 +51,7 @@ def replay(
 ) -> None:
     """One HTML page of a replay: floor plan with path and matches, statuses, confidence, class shares, confusions."""
     from semloc_core.map_database import load
-    from semloc_core.report.kept import kept
-    from semloc_core.report.page import joined
-    from semloc_core.report.replay_data import read_results
-    from semloc_core.report.replay_report import replay_page
+    from semloc_core.report import joined, kept, read_results, replay_page
 
     beside = kept(study) if study is not None else None
     loaded = load(map_file)
@@ -76,7 +72,7 @@ def study(
     ],
 ) -> None:
     """One HTML page of a study of explanations."""
-    from semloc_core.report.kept import kept
+    from semloc_core.report import kept
 
     text = kept(kept_file).html()
     write_whole(output, text.encode())
@@ -98,8 +94,7 @@ def picture(
 ) -> None:
     """One picture of a replay's clearest answer: floor plan, path, top match, and the classes that carried it."""
     from semloc_core.map_database import load
-    from semloc_core.report.picture import answer_picture
-    from semloc_core.report.replay_data import read_results
+    from semloc_core.report import answer_picture, read_results
 
     loaded = load(map_file)
     content = answer_picture(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from semloc_core.cli.common import (
+from semloc_core.cli.shared.common import (
     Json,
     LabelspaceOption,
     Seed,
@@ -21,14 +21,14 @@ from semloc_core.cli.common import (
     read_graph,
     show,
 )
-from semloc_core.cli.foreign_classes import AllowUnknown, check_classes
-from semloc_core.cli.outputs import Writes
+from semloc_core.cli.shared.foreign_classes import AllowUnknown, check_classes
+from semloc_core.cli.shared.outputs import Writes
 from semloc_core.errors import ConfigError
-from semloc_core.file_kinds import MODEL, PICTURE, STATE
+from semloc_core.files import MODEL, PICTURE, STATE
 
 if TYPE_CHECKING:
-    from semloc_core.evaluate.rows import Row
-    from semloc_core.training.loop import TrainResult
+    from semloc_core.metrics import Row
+    from semloc_core.training import TrainResult
 
 WHY_ENDED = {
     "steps": "it trained to its last step",
@@ -108,14 +108,10 @@ def train(
     """
     import msgspec
 
-    from semloc_core.classes import Reading
-    from semloc_core.general import load_model
-    from semloc_core.graph_arrays import GraphArrays
-    from semloc_core.training.config import DEFAULT_ENCODER, PERTURBATIONS, train_config
-    from semloc_core.training.curve import plot_curve
-    from semloc_core.training.loop import Report
-    from semloc_core.training.loop import train as run_training
-    from semloc_core.training.own_validation import own_validation
+    from semloc_core.encoding import load_model
+    from semloc_core.graph import GraphArrays, Reading
+    from semloc_core.training import DEFAULT_ENCODER, PERTURBATIONS, Report, own_validation, plot_curve, train_config
+    from semloc_core.training import train as run_training
 
     begun = load_model(start) if start is not None else None
     reading = Reading.of(labelspace, synonyms, begun.labelspace if begun is not None else None)

@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from semloc_core.cli.common import Seed, console, progress
-from semloc_core.cli.outputs import App, Writes
-from semloc_core.file_kinds import FOLDER, GRAPH
+from semloc_core.cli.shared.common import Seed, console, progress
+from semloc_core.cli.shared.outputs import App, Writes
+from semloc_core.files import FOLDER, GRAPH
 
 app = App(no_args_is_help=True, help="Generate buildings.")
 
@@ -42,7 +42,7 @@ def office(
     """An office with the paper's object counts (Table I) and about 1,300 places, as a Hydra v1.1 file."""
     import numpy as np
 
-    from semloc_core.world import OfficeConfig, make_office, write_world
+    from semloc_core.sources import OfficeConfig, make_office, write_world
 
     world = make_office(OfficeConfig(), np.random.default_rng(seed))
     write_world(output, world)
@@ -66,7 +66,7 @@ def home(
     """A home with furniture of COCO's classes, drawn at random, as a Hydra v1.1 file."""
     import numpy as np
 
-    from semloc_core.world import KINDS, draw_pair, write_world
+    from semloc_core.sources import KINDS, draw_pair, write_world
 
     world, _ = draw_pair(KINDS["home"], np.random.default_rng(seed))
     write_world(output, world)
@@ -93,7 +93,7 @@ def many(
     """Buildings of a kind, no two alike, each mapped and seen again by a detector, as `semloc evaluate` reads them."""
     import numpy as np
 
-    from semloc_core.world import KINDS, draw_pair, write_world
+    from semloc_core.sources import KINDS, draw_pair, write_world
 
     places = 0
     with progress("building") as bar:

@@ -1,1 +1,38 @@
-"""."""
+"""How good it is: the paper's protocol, whole buildings, walks, when to trust an answer, what merging is good for."""
+
+from typing import TYPE_CHECKING
+
+from semloc_core.exports import exports
+
+if TYPE_CHECKING:
+    from semloc_core.evaluate.aliasing import Aliasing, map_aliasing, reads_labels_only
+    from semloc_core.evaluate.candidates import evaluate_candidates
+    from semloc_core.evaluate.fit_confidence import draw_buildings
+    from semloc_core.evaluate.merge import evaluate_merge
+    from semloc_core.evaluate.merge_cases import Case, LifeConfig, home_cases, world_cases
+    from semloc_core.evaluate.online.layout_ablation import evaluate_layout
+    from semloc_core.evaluate.online.protocol import evaluate_online
+    from semloc_core.evaluate.paper.ablation import evaluate_ablation
+    from semloc_core.evaluate.paper.office import SEEDS, evaluate_office, office_variants
+    from semloc_core.evaluate.relocalise import evaluate_relocalise
+    from semloc_core.evaluate.shortlisted import MODELS, evaluate_shortlist
+    from semloc_core.evaluate.trust import Study, failures, study_trust
+    from semloc_core.evaluate.trust_curves import (
+        calibration_rows,
+        condition_rows,
+        reliability_points,
+        status_rows,
+        success_points,
+        threshold_rows,
+        worst,
+    )
+else:
+    __getattr__ = exports(__name__)
+
+__all__ = [
+    "Aliasing", "Case", "LifeConfig", "MODELS", "SEEDS", "Study", "calibration_rows", "condition_rows",
+    "draw_buildings", "evaluate_ablation", "evaluate_candidates", "evaluate_layout", "evaluate_merge",
+    "evaluate_office", "evaluate_online", "evaluate_relocalise", "evaluate_shortlist", "failures", "home_cases",
+    "map_aliasing", "office_variants", "reads_labels_only", "reliability_points", "status_rows", "study_trust",
+    "success_points", "threshold_rows", "world_cases", "worst",
+]  # fmt: skip

@@ -17,11 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoder import BagOfWordsEncoder, Encoder, HistogramEncoder, PaperEncoder, TfidfEncoder
-from semloc_core.evaluate.rows import Row
-from semloc_core.graph_arrays import GraphArrays
-from semloc_core.place_graph import Batch, extract_all
-from semloc_core.short_repr import short_repr
+from semloc_core.encoding import (
+    BagOfWordsEncoder,
+    Batch,
+    Encoder,
+    HistogramEncoder,
+    PaperEncoder,
+    TfidfEncoder,
+    extract_all,
+)
+from semloc_core.graph import GraphArrays
+from semloc_core.metrics import Row
+from semloc_core.text import short_repr
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]

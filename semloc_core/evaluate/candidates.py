@@ -1,7 +1,7 @@
 """How often the right place is among an encoder's first N: what a later stage that looks closer can still find.
 
 The buildings and the database are those of `semloc_core.evaluate.relocalise`; asked is with whole graphs, and with what
-a robot's graph holds after some metres (`semloc_core.evaluate.walks`).
+a robot's graph holds after some metres (`semloc_core.sources.simulate.walks`).
 """
 
 from __future__ import annotations
@@ -12,15 +12,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
+from semloc_core.encoding import Model, embed_graph, embed_places, similarity_matrix
 from semloc_core.errors import GraphError
-from semloc_core.evaluate import metrics
 from semloc_core.evaluate.relocalise import BASELINES, Arena, fitted, make_arena, read_buildings
-from semloc_core.evaluate.rows import Progress, Row, no_progress
-from semloc_core.evaluate.walks import WalkConfig, walk
-from semloc_core.graph_arrays import Floats, GraphArrays, Ints
-from semloc_core.labelspace import Labelspace, union
-from semloc_core.model import Model, embed_graph, embed_places
+from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, union
+from semloc_core.metrics import Progress, Row, no_progress
+from semloc_core.sources import WalkConfig, walk
 
 RANKS = (1, 10, 100, 300)
 METRES = (0.0, 5.0, 10.0)
@@ -87,7 +86,7 @@ def _judge(name: str, model: Model, arena: Arena, metres: Sequence[float], walks
     for scope, queries in asked.items():
         right, groups = list[NDArray[np.bool_]](), list[Ints]()
         for b, graph, places, truth in queries:
-            best = metrics.top(metrics.similarity_matrix(embed_places(model, graph, places), database), max(RANKS))
+            best = metrics.top(similarity_matrix(embed_places(model, graph, places), database), max(RANKS))
             right.append(arena.right(best, b, truth, MATCH_RADIUS_M))
             groups.append(np.full(len(places), b, dtype=np.int64))
         if right:

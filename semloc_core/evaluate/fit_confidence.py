@@ -1,4 +1,4 @@
-"""Fits `semloc_core.layout.confidence` on generated buildings: ``python -m semloc_core.evaluate.fit_confidence``.
+"""Fits `matching.layout.confidence` on generated buildings: ``python -m semloc_core.evaluate.fit_confidence``.
 
 No real building is read. Homes and offices are drawn, of one storey or several, some of them towers of floors that are
 alike, each mapped once and seen again by a detector of any quality; a robot walks through the second run, and each
@@ -18,29 +18,23 @@ from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import GraphError, SemlocError
-from semloc_core.evaluate.reranked import fragments_along, layout_verifier
-from semloc_core.evaluate.walks import WalkConfig, walk
-from semloc_core.file_kinds import CALIBRATION
-from semloc_core.graph_arrays import Floats, GraphArrays
-from semloc_core.labelspace import Labelspace, load_labelspace
-from semloc_core.layout import LayoutVerifier
-from semloc_core.layout.confidence import (
+from semloc_core.evaluate.verified_answers import fragments_along, layout_verifier
+from semloc_core.files import CALIBRATION, Output, guarded, write_whole
+from semloc_core.graph import Floats, GraphArrays, Labelspace, load_labelspace, storey_at
+from semloc_core.matching import (
     FEATURES,
     MOST_SURE,
     Calibration,
+    LayoutVerifier,
     Tested,
     features,
     near_figures,
     other_figures,
     perfect,
 )
-from semloc_core.outputs import Output, guarded
-from semloc_core.short_repr import short_repr
-from semloc_core.storeys import storey_at
-from semloc_core.training.config import PerturbConfig
-from semloc_core.training.perturb import perturb
-from semloc_core.whole_file import write_whole
-from semloc_core.world import KINDS, BuildingKind, draw_pair, draw_stacked
+from semloc_core.sources import KINDS, BuildingKind, WalkConfig, draw_pair, draw_stacked, walk
+from semloc_core.text import short_repr
+from semloc_core.training import PerturbConfig, perturb
 
 BUILDINGS = 24
 """Buildings of each kind."""

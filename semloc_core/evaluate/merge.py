@@ -13,21 +13,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
+from semloc_core.encoding import Model, embed_graph, similarity_matrix
 from semloc_core.errors import MapError
-from semloc_core.evaluate import metrics
 from semloc_core.evaluate.merge_cases import Case, misplaced_m
-from semloc_core.evaluate.rows import Progress, Row, no_progress
-from semloc_core.graph_arrays import GraphArrays, Ints
-from semloc_core.labelspace import Labelspace
-from semloc_core.map_database.history import History, move_rates
-from semloc_core.map_database.weights import class_weights, object_weights
-from semloc_core.map_merge import MergeConfig, Side, merge
-from semloc_core.map_merge.store import side
-from semloc_core.map_merge.transform import Transform
-from semloc_core.model import Model, embed_graph
-from semloc_core.scene_graph import SceneGraph
-from semloc_core.storeys import storey_at
+from semloc_core.graph import GraphArrays, Ints, Labelspace, SceneGraph, storey_at
+from semloc_core.map_database import History, class_weights, move_rates, object_weights
+from semloc_core.map_merge import MergeConfig, Side, Transform, merge, side
+from semloc_core.metrics import Progress, Row, no_progress
 
 RIGHT_M = 0.5
 """A traversal is laid right if its places end up this near to where they belong (root mean square), metres."""
@@ -217,7 +211,7 @@ def _right(asked: Sequence[GraphArrays], model: Model, map_: _Map, radius_m: flo
         classes = [*model.labelspace.classes, ""]
         of_object = [map_.of_class.get(classes[c], 1.0) for c in query.object_classes.tolist()]
         z = embed_graph(model, query, dict(zip(query.object_ids, of_object, strict=True)))
-        best = metrics.top(metrics.similarity_matrix(z, database), 5)
+        best = metrics.top(similarity_matrix(z, database), 5)
         away = np.linalg.norm(positions[best] - query.place_positions[:, None], axis=2)
         own = building == number
         truth = [storey_at(point, positions[own], storey[own]) for point in query.place_positions]

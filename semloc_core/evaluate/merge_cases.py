@@ -16,17 +16,11 @@ import numpy as np
 from msgspec import Meta
 
 from semloc_core.evaluate.relocalise import make_arena, read_buildings
-from semloc_core.evaluate.walks import WalkConfig, walk
-from semloc_core.geodesic import many_balls
-from semloc_core.graph_arrays import Floats, GraphArrays
-from semloc_core.labelspace import Labelspace, union
-from semloc_core.map_merge.transform import Transform
-from semloc_core.scene_graph import SceneGraph
-from semloc_core.short_repr import short_repr
-from semloc_core.training.config import PERTURBATIONS, PerturbConfig
-from semloc_core.training.perturb import perturb
-from semloc_core.training.resample import nearest_parents
-from semloc_core.world import OfficeConfig, make_office
+from semloc_core.graph import Floats, GraphArrays, Labelspace, SceneGraph, many_balls, nearest_parents, union
+from semloc_core.map_merge import Transform
+from semloc_core.sources import OfficeConfig, WalkConfig, make_office, walk
+from semloc_core.text import short_repr
+from semloc_core.training import PERTURBATIONS, PerturbConfig, perturb
 
 # Fewer places than the paper's office has: what is asked here does not need them.
 WORLD = OfficeConfig(darts_per_m2=8.0, spacing_m=(0.7, 1.0), max_edge_m=2.2)

@@ -2,7 +2,7 @@
 
 ROOT/*/query.json against ROOT/*/map.json, all maps in one database. Nothing is shared between a query and its map
 but the building: places are sampled anew, objects are as a detector saw them. A match is right in the same building
-within 4 m and on the same storey; that of the truth is told by the building's own map (`semloc_core.storeys`).
+within 4 m and on the same storey; that of the truth is told by the building's own map (`semloc_core.graph.storeys`).
 """
 
 from __future__ import annotations
@@ -16,25 +16,17 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoder import build_encoder
+from semloc_core.encoding import Model, build_encoder, embed_graph, extract_all, similarity_matrix
 from semloc_core.errors import FileFormatError
-from semloc_core.evaluate import metrics
-from semloc_core.evaluate.calibration import accepted_share, expected_calibration_error
-from semloc_core.evaluate.reranked import add_error, any_frame, layout_verifier, reranked, written_in
-from semloc_core.evaluate.rows import Progress, Row, no_progress
-from semloc_core.graph_arrays import Floats, GraphArrays, Ints
-from semloc_core.hydra import HydraFile, read_hydra
-from semloc_core.labelspace import Labelspace, union
-from semloc_core.layout import fragment_of_arrays
-from semloc_core.layout.placed import Placed
-from semloc_core.model import Model, embed_graph
-from semloc_core.place_graph import extract_all
-from semloc_core.pose_error import PoseErrors
-from semloc_core.short_repr import short_repr
-from semloc_core.storeys import storey_at
-from semloc_core.training.config import TrainConfig
-from semloc_core.training.loop import Report, train
+from semloc_core.evaluate.verified_answers import add_error, any_frame, layout_verifier, reranked, written_in
+from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, storey_at, union
+from semloc_core.matching import Placed, fragment_of_arrays
+from semloc_core.metrics import PoseErrors, Progress, Row, accepted_share, expected_calibration_error, no_progress
+from semloc_core.sources import HydraFile, read_hydra
+from semloc_core.text import short_repr
+from semloc_core.training import Report, TrainConfig, train
 
 BASELINES = ("bag_of_words", "tfidf", "histogram", "rings")
 
@@ -223,7 +215,7 @@ def judge_arena(method: str, model: Model, arena: Arena, radius_m: float, seed: 
     database = np.concatenate([embed_graph(model, graph) for graph in arena.maps])
     right = []
     for index, query in enumerate(arena.queries):
-        best = metrics.top(metrics.similarity_matrix(embed_graph(model, query), database), max(metrics.RANKS))
+        best = metrics.top(similarity_matrix(embed_graph(model, query), database), max(metrics.RANKS))
         right.append(arena.right(best, index, query.place_positions, radius_m))
     rng = np.random.default_rng(seed)
     names = [query.name for query in arena.queries]
@@ -244,7 +236,7 @@ def judge_layout(method: str, model: Model, arena: Arena, radius_m: float, seed:
         frame = any_frame(np.random.default_rng([seed, index]))
         moved = written_in(frame, query)
         fragments = [fragment_of_arrays(moved, place, verifier.config) for place in range(query.n_places)]
-        similarity = metrics.similarity_matrix(embed_graph(model, query), database)
+        similarity = similarity_matrix(embed_graph(model, query), database)
         said, said_abroad = np.zeros(len(fragments)), np.zeros(len(fragments))
         places: list[Placed | None] = []
         best = reranked(verifier, fragments, similarity, chances=said, places=places)

@@ -6,17 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from semloc_core.encoding import embed_graph, load_general
 from semloc_core.errors import GraphError
 from semloc_core.evaluate.fit_confidence import draw_buildings
-from semloc_core.evaluate.fragments import embed_walk
-from semloc_core.evaluate.rows import Progress, Row, no_progress
-from semloc_core.evaluate.walks import WalkConfig, walk
-from semloc_core.fleet.shortlist import ShortlistConfig, shortlist
-from semloc_core.fleet.source import Nearest
-from semloc_core.general import load_general
-from semloc_core.map_database.search import ExactSearch
-from semloc_core.model import embed_graph
-from semloc_core.world import KINDS
+from semloc_core.evaluate.online.fragments import embed_walk
+from semloc_core.fleet import Nearest, ShortlistConfig, shortlist
+from semloc_core.map_database import ExactSearch
+from semloc_core.metrics import Progress, Row, no_progress
+from semloc_core.sources import KINDS, WalkConfig, walk
 
 SCOPES_M = (0.0, 5.0, 10.0, 20.0, 40.0)
 LIMITS = tuple(
@@ -36,7 +33,7 @@ def evaluate_shortlist(
     """Ask along walks through second runs of generated buildings; each query by itself, no list before it.
 
     Args:
-        kind: of building, `semloc_core.world.KINDS`.
+        kind: of building, `semloc_core.sources.world.KINDS`.
         buildings: how many, all in one map, searched exactly.
         limits: of the lists compared.
         walks: through each building.

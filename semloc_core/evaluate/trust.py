@@ -1,6 +1,6 @@
 """When to trust an answer: each one along walks, what it said of itself, and what misled it where it is wrong.
 
-The walks and answers are those of `semloc_core.evaluate.online` (rings, verified by layout), one by one.
+The walks and answers are those of `semloc_core.evaluate.online.protocol` (rings, verified by layout), one by one.
 """
 
 from __future__ import annotations
@@ -14,24 +14,19 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
-from semloc_core.evaluate import metrics
-from semloc_core.evaluate.fragments import answered, embed_walk, stars_along
-from semloc_core.evaluate.online_answers import OnlineWalk, make_walks, steps_at
+from semloc_core.encoding import Model, embed_graph, similarity_matrix
+from semloc_core.evaluate.online.answers import OnlineWalk, make_walks, steps_at
+from semloc_core.evaluate.online.fragments import answered, embed_walk, stars_along
 from semloc_core.evaluate.relocalise import Arena, fitted, make_arena, read_buildings
-from semloc_core.evaluate.reranked import any_frame, fragments_along, layout_verifier
-from semloc_core.evaluate.rows import Progress, Row, no_progress
-from semloc_core.evaluate.walks import WalkConfig
-from semloc_core.explain.explainers import explain
-from semloc_core.explain.similarity import SimilarityQuery
-from semloc_core.graph_arrays import Floats, Ints
-from semloc_core.labelspace import union
-from semloc_core.layout import Fragment, LayoutVerifier, Verified
-from semloc_core.layout.confidence import confidence
-from semloc_core.layout.placed import Placed, placed
-from semloc_core.model import Model, embed_graph
-from semloc_core.posterior import IN_MAP
-from semloc_core.short_repr import short_repr
+from semloc_core.evaluate.verified_answers import any_frame, fragments_along, layout_verifier
+from semloc_core.explain import SimilarityQuery, explain
+from semloc_core.graph import Floats, Ints, union
+from semloc_core.matching import IN_MAP, Fragment, LayoutVerifier, Placed, Verified, confidence, placed
+from semloc_core.metrics import Progress, Row, no_progress
+from semloc_core.sources import WalkConfig
+from semloc_core.text import short_repr
 
 SCOPES_M = (0.0, 2.5, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 40.0)
 LISTED = 10
@@ -116,7 +111,7 @@ def study_trust(
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> Study:
-    """Answer along walks; the arguments are those of `semloc_core.evaluate.online.evaluate_online`.
+    """Answer along walks; the arguments are those of `semloc_core.evaluate.online.protocol.evaluate_online`.
 
     Raises:
         FileFormatError: no building in the folder, or a file that can't be read.
@@ -136,7 +131,7 @@ def study_trust(
         progress(number, len(paths), arena.maps[path.building].name)
         at = steps_at(path.walk, scopes_m)
         asked = path.walk.at(at)
-        similarity = metrics.similarity_matrix(embed_walk(model, asked), database)
+        similarity = similarity_matrix(embed_walk(model, asked), database)
         similar = metrics.top(similarity, 2 * LISTED)
         alone, known = similarity.argmax(axis=1), answered(asked)
         fragments = fragments_along(path.walk, at, verifier, np.random.default_rng([seed, number]))

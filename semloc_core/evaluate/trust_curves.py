@@ -8,14 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.evaluate import metrics
-from semloc_core.evaluate.calibration import BINS, expected_calibration_error
-from semloc_core.evaluate.reranked import add_error
-from semloc_core.evaluate.rows import Row
+from semloc_core import metrics
 from semloc_core.evaluate.trust import Judged, Study, strangers
-from semloc_core.graph_arrays import Floats
-from semloc_core.pose_error import PoseErrors
-from semloc_core.short_repr import short_repr
+from semloc_core.evaluate.verified_answers import add_error
+from semloc_core.graph import Floats
+from semloc_core.metrics import BINS, PoseErrors, Row, expected_calibration_error
+from semloc_core.text import short_repr
 
 STATUSES = ("match", "ambiguous", "unknown")
 THRESHOLDS = (0.5, 0.8, 0.9)

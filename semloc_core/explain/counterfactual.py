@@ -9,11 +9,11 @@ import torch
 from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.explain.perturbed import PerturbedEncoder
-from semloc_core.explain.shapley import class_values
+from semloc_core.encoding import PerturbedEncoder
+from semloc_core.explain.explainers.shapley import class_values
 from semloc_core.explain.similarity import SimilarityQuery
 from semloc_core.map_database import LoadedMap
-from semloc_core.messages import ClassContrast, Counterfactual, ObjectName, WhyNot
+from semloc_core.wire import ClassContrast, Counterfactual, ObjectName, WhyNot
 
 Bools = NDArray[np.bool_]
 

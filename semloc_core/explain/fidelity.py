@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from semloc_core.errors import ConfigError
 from semloc_core.explain.scores import ObjectScores
 from semloc_core.explain.similarity import SimilarityQuery
-from semloc_core.messages import Fidelity
-from semloc_core.short_repr import short_repr
+from semloc_core.text import short_repr
+from semloc_core.wire import Fidelity
 
 Floats = NDArray[np.float64]
 

@@ -8,10 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from semloc_core.encoder.base import Encoded, Encoder
-from semloc_core.explain.perturbed import products
+from semloc_core.encoding import Batch, Encoded, Encoder, products, repeat
 from semloc_core.explain.scores import ObjectScores
-from semloc_core.place_graph import Batch, repeat
 
 
 def intrinsic_scores(

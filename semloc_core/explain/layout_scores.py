@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from semloc_core.explain.scores import by_share
-from semloc_core.layout.evidence import Evidence
-from semloc_core.messages import MethodAttributions, ObjectAttribution
+from semloc_core.matching import Evidence
+from semloc_core.wire import MethodAttributions, ObjectAttribution
 
 LAYOUT = "layout"
 """The explainer's name."""
@@ -15,7 +15,7 @@ LAYOUT = "layout"
 def layout_attributions(evidence: Evidence, names: Sequence[str]) -> MethodAttributions:
     """Credit the objects around the robot with what each adds to the score of a place that was put to the test.
 
-    The score is a log-likelihood ratio in nats (`semloc_core.layout.align`), and a sum: an object's score is what the
+    The score is a log-likelihood ratio in nats (`matching.layout.pose.align`), and a sum: an object's score is what the
     mapped object that it is taken for makes more likely, at least 0; a class's is the sum over its objects, less what
     is lost for mapped objects of the class that should have been seen and were not, so it may be below 0, or have no
     object at all. Nothing is estimated, so there is no fidelity to be tested. Known places where the map has no room

@@ -3,47 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 import torch
 
-from semloc_core.answer import Located
+from semloc_core.encoding import PerturbedEncoder
 from semloc_core.errors import ConfigError, GraphError, MapError, SemlocError
 from semloc_core.explain.counterfactual import counterfactual, why_not
-from semloc_core.explain.explainers import CONTROLS, EXPLAINERS, explain
+from semloc_core.explain.explainers.by_name import CONTROLS, EXPLAINERS, explain
 from semloc_core.explain.fidelity import BUDGET, own_fidelity
 from semloc_core.explain.layout_scores import LAYOUT, layout_attributions
-from semloc_core.explain.perturbed import PerturbedEncoder
 from semloc_core.explain.scores import class_scores, object_scores
 from semloc_core.explain.similarity import SimilarityQuery
-from semloc_core.explain.without import without_classes
-from semloc_core.layout.evidence import Evidence, evidence_at
+from semloc_core.explain.without_class import without_classes
 from semloc_core.map_database import LoadedMap
-from semloc_core.messages import ExplainRequest, Explanation, MethodAttributions, PlaceEvidence
-from semloc_core.reranker import verifier_of
-
-if TYPE_CHECKING:  # the localiser explains its own answers
-    from semloc_core.localiser import Localiser
+from semloc_core.matching import Evidence, Located, evidence_at, verifier_of
+from semloc_core.wire import ExplainRequest, Explanation, MethodAttributions, PlaceEvidence
 
 SEED = 0
 """Explainers that sample start from it at every request, so that the same question has the same answer."""
 
 
-def answer_request(localiser: Localiser, request: ExplainRequest) -> Explanation:
-    """Answer a request on the graph and the map as they are; what can't be answered says why in ``error``.
-
-    Args:
-        localiser: brings the graph, the map and the frame.
-        request: which query and place; see `ExplainRequest`.
-
-    """
-    return answer_query(localiser.ask(request.query_place), request)
-
-
 def answer_query(located: Located, request: ExplainRequest) -> Explanation:
-    """Answer a request on an answer that was given before: needs no graph, so any process can do it.
+    """Answer a request on an answer: needs no graph, so any process can do it; what can't be said is in ``error``.
 
     Args:
         located: the answer for the place asked about (`semloc_core.localiser.Localiser.ask`).

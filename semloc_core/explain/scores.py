@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.short_repr import short_repr
+from semloc_core.text import short_repr
 from semloc_core.wire import ClassAttribution, ObjectAttribution
 
 NOISE = 1e-6  # the wire keeps six decimals

@@ -16,14 +16,21 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from semloc_core.encoder.base import Encoded, Encoder
-from semloc_core.encoder.query import FEW, QueryEncoder
+from semloc_core.encoding import (
+    FEW,
+    NODES_AT_ONCE,
+    Batch,
+    Encoded,
+    Encoder,
+    PerturbedEncoder,
+    QueryEncoder,
+    normal,
+    products,
+)
 from semloc_core.errors import ModelError
 from semloc_core.explain.intrinsic import intrinsic_scores
-from semloc_core.explain.perturbed import NODES_AT_ONCE, PerturbedEncoder, normal, products
 from semloc_core.explain.scores import ObjectScores
-from semloc_core.place_graph import Batch
-from semloc_core.short_repr import short_repr
+from semloc_core.text import short_repr
 
 
 class Similarity(Protocol):

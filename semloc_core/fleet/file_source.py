@@ -8,14 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core.encoding import Model
 from semloc_core.errors import MapError
 from semloc_core.fleet.source import BuildingEntry, Catalogue, Fetched, Nearest
-from semloc_core.map_database.history import unpack_history
-from semloc_core.map_database.loaded import LoadedMap, load
-from semloc_core.map_database.meta import read_meta
-from semloc_core.map_database.records import PlaceRows, building_digest
-from semloc_core.map_database.schema import read
-from semloc_core.model import Model
+from semloc_core.map_database import LoadedMap, PlaceRows, building_digest, load, read, read_meta, unpack_history
 
 
 class LoadedSource:

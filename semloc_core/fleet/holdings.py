@@ -7,14 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from semloc_core.config import LocaliserConfig
-from semloc_core.filter_model import MapModel, MapPart, joined_model
+from semloc_core.encoding import Model
 from semloc_core.fleet.source import BuildingEntry, Fetched
-from semloc_core.layout import LayoutPart, LayoutVerifier
-from semloc_core.map_database.loaded import LoadedMap, Whole, assemble
-from semloc_core.map_database.records import content_hash
-from semloc_core.model import Model
-from semloc_core.reranker import layout_part, share_verifier
-from semloc_core.tracker import filter_part
+from semloc_core.map_database import LoadedMap, Whole, assemble, content_hash
+from semloc_core.matching import LayoutPart, LayoutVerifier, layout_part, share_verifier
+from semloc_core.tracking import MapModel, MapPart, filter_part, joined_model
 
 Key = tuple[str, str]
 

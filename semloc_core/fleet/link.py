@@ -10,9 +10,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core.encoding import Model
 from semloc_core.errors import MapError, MapUnavailableError
 from semloc_core.fleet.source import Catalogue, Fetched, MapSource, Nearest
-from semloc_core.model import Model
 
 logger = logging.getLogger(__name__)
 

@@ -15,20 +15,18 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from semloc_core.answer import Located, Query, ServerState
-from semloc_core.building_patterns import matching_buildings
 from semloc_core.config import LocaliserConfig
-from semloc_core.encoder import build_encoder
+from semloc_core.encoding import Model, build_encoder
 from semloc_core.errors import MapError, MapUnavailableError
 from semloc_core.fleet.holdings import Holdings, Key, key_of
 from semloc_core.fleet.link import Link
-from semloc_core.fleet.shortlist import ShortlistConfig, shortlist
+from semloc_core.fleet.narrowing import ShortlistConfig, shortlist
 from semloc_core.fleet.source import Catalogue
-from semloc_core.labelspace import Labelspace
+from semloc_core.graph import Labelspace
 from semloc_core.localiser import Localiser
-from semloc_core.map_database.loaded import LoadedMap, Whole, assemble
-from semloc_core.model import Model
-from semloc_core.tracker import Tracker
+from semloc_core.map_database import LoadedMap, Whole, assemble, matching_buildings
+from semloc_core.matching import Located, Query, ServerState
+from semloc_core.tracking import Tracker
 from semloc_core.wire import MapInfo
 
 BELIEVED = 0.05

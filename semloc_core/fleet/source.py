@@ -13,11 +13,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.map_database.history import ClassChange
-from semloc_core.map_database.loaded import StoredBuilding
-from semloc_core.map_database.records import PlaceRows
-from semloc_core.model import Model
-from semloc_core.short_repr import short_repr
+from semloc_core.encoding import Model
+from semloc_core.map_database import ClassChange, PlaceRows, StoredBuilding
+from semloc_core.text import short_repr
 
 
 @short_repr

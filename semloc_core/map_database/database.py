@@ -2,7 +2,7 @@
 
 Several buildings live in one file, each in its own frame. Every change is a transaction: it is there whole or not
 at all, also after a kill or on a full disk. A map is bound to its model and labelspace by content hashes. How the
-file is opened, locked and left behind: `semloc_core.map_database.schema`. What localisation reads: `LoadedMap`.
+file is opened, locked and left behind: `semloc_core.map_database.stored.schema`. What localisation reads: `LoadedMap`.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ from typing import Unpack
 
 from numpy.typing import ArrayLike
 
+from semloc_core.encoding import Model
 from semloc_core.errors import MapError
-from semloc_core.map_database import write
+from semloc_core.graph import SceneGraph
 from semloc_core.map_database.history import ClassChange, History
 from semloc_core.map_database.loaded import StoredBuilding
-from semloc_core.map_database.meta import MapMeta, check_hash, read_meta, seal, write_model
-from semloc_core.map_database.records import (
+from semloc_core.map_database.stored import write
+from semloc_core.map_database.stored.meta import MapMeta, check_hash, read_meta, seal, write_model
+from semloc_core.map_database.stored.records import (
     Note,
     PlaceRows,
     building_key,
@@ -33,9 +35,7 @@ from semloc_core.map_database.records import (
     read_places,
     unpack_graph,
 )
-from semloc_core.map_database.schema import close_writer, connect_to_write, create_file, map_errors
-from semloc_core.model import Model
-from semloc_core.scene_graph import SceneGraph
+from semloc_core.map_database.stored.schema import close_writer, connect_to_write, create_file, map_errors
 
 logger = logging.getLogger(__name__)
 

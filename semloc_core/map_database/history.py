@@ -11,8 +11,8 @@ from typing import Annotated
 import msgspec
 
 from semloc_core.errors import MapError
-from semloc_core.messages import Count, Fraction, Name, Position
-from semloc_core.short_repr import short_repr
+from semloc_core.text import short_repr
+from semloc_core.wire import Count, Fraction, Name, Position
 
 MAX_HISTORY_BYTES = 128 * 2**20  # of a building's history as JSON
 

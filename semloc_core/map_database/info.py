@@ -10,12 +10,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core.encoding import Model
+from semloc_core.graph import SceneGraph
 from semloc_core.map_database.history import move_rates, unpack_history
 from semloc_core.map_database.loaded import LoadedMap, StoredBuilding, read_map
-from semloc_core.map_database.meta import MapMeta, read_meta
-from semloc_core.map_database.schema import format_version, read
-from semloc_core.model import Model
-from semloc_core.scene_graph import SceneGraph
+from semloc_core.map_database.stored.meta import MapMeta, read_meta
+from semloc_core.map_database.stored.schema import format_version, read
 
 
 def describe(path: str | Path) -> dict[str, Any]:

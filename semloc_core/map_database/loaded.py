@@ -14,15 +14,16 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
-from semloc_core.building_patterns import matching_buildings
-from semloc_core.classes import read_graph
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoder.query import QueryEncoder
+from semloc_core.encoding import Batch, Model, QueryEncoder
 from semloc_core.errors import MapError
+from semloc_core.graph import SceneGraph, read_graph, separate, storey_at
+from semloc_core.map_database.building_patterns import matching_buildings
 from semloc_core.map_database.history import ClassChange, History, unpack_history
-from semloc_core.map_database.inverted import LARGE, InvertedSearch
-from semloc_core.map_database.meta import check_hash, read_meta, read_model
-from semloc_core.map_database.records import (
+from semloc_core.map_database.search.exact import ExactSearch
+from semloc_core.map_database.search.inverted import LARGE, InvertedSearch
+from semloc_core.map_database.stored.meta import check_hash, read_meta, read_model
+from semloc_core.map_database.stored.records import (
     PackedGraph,
     PlaceRows,
     building_digest,
@@ -34,14 +35,9 @@ from semloc_core.map_database.records import (
     read_storeys,
     unpack_graph,
 )
-from semloc_core.map_database.schema import read
-from semloc_core.map_database.search import ExactSearch
+from semloc_core.map_database.stored.schema import read
 from semloc_core.map_database.weights import class_weights
-from semloc_core.model import Model
-from semloc_core.place_graph import Batch
-from semloc_core.scene_graph import SceneGraph
-from semloc_core.short_repr import short_repr
-from semloc_core.storeys import separate, storey_at
+from semloc_core.text import short_repr
 from semloc_core.wire import Position
 
 logger = logging.getLogger(__name__)

@@ -8,11 +8,11 @@ from typing import Protocol, Unpack
 
 from numpy.typing import ArrayLike
 
+from semloc_core.encoding import Model
+from semloc_core.graph import SceneGraph
 from semloc_core.map_database.history import ClassChange, History
 from semloc_core.map_database.loaded import StoredBuilding
-from semloc_core.map_database.records import Note, PlaceRows
-from semloc_core.model import Model
-from semloc_core.scene_graph import SceneGraph
+from semloc_core.map_database.stored.records import Note, PlaceRows
 
 
 class ReadableMap(Protocol):
@@ -36,7 +36,7 @@ class ReadableMap(Protocol):
 
 
 class WritableMap(ReadableMap, Protocol):
-    """A map open for changes: a `MapDatabase`, or a `semloc_core.fleet.database.FleetDatabase`.
+    """A map open for changes: a `MapDatabase`, or a `semloc_core.fleet.writing.database.FleetDatabase`.
 
     What each method does is said at `MapDatabase`.
     """

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from semloc_core.labelspace import Labelspace
+from semloc_core.graph import Labelspace, SceneGraph
 from semloc_core.map_database.history import ClassChange, History, ObjectBelief, move_rates
-from semloc_core.scene_graph import SceneGraph
 
 
 def class_weights(changes: Iterable[Mapping[str, ClassChange]], labelspace: Labelspace) -> dict[str, float]:

@@ -21,11 +21,10 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
 from semloc_core.errors import MapError
-from semloc_core.graph_arrays import Floats, Ints
+from semloc_core.graph import Floats, Ints
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.transform import Transform, fit_transform
-from semloc_core.percent import percent
-from semloc_core.short_repr import short_repr
+from semloc_core.text import percent, short_repr
 
 START_GATE_M = 2.0
 VERTICAL_GATE_M = 1.0

@@ -6,11 +6,11 @@ from collections.abc import Collection
 
 import msgspec
 
+from semloc_core.encoding import Model
 from semloc_core.errors import MapError
-from semloc_core.map_database.protocols import WritableMap
+from semloc_core.graph import SceneGraph
+from semloc_core.map_database import WritableMap
 from semloc_core.map_merge.store import write
-from semloc_core.model import Model
-from semloc_core.scene_graph import SceneGraph
 from semloc_core.wire import Place, SceneGraphUpdate
 
 

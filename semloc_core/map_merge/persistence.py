@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from semloc_core.graph_arrays import Floats, Ints
-from semloc_core.map_database.history import ClassChange, ObjectBelief, move_rates
+from semloc_core.graph import Floats, Ints
+from semloc_core.map_database import ClassChange, ObjectBelief, move_rates
 from semloc_core.map_merge.align import VERTICAL_GATE_M
 from semloc_core.map_merge.config import MergeConfig
-from semloc_core.short_repr import short_repr
+from semloc_core.text import short_repr
 
 ROUNDS = 40
 MISS_COUNTS = 200.0

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from semloc_core.graph_arrays import Floats, GraphArrays, Ints
-from semloc_core.short_repr import short_repr
-from semloc_core.training.resample import place_spacing
+from semloc_core.graph import Floats, GraphArrays, Ints, place_spacing
+from semloc_core.text import short_repr
 
 APART = 1.5
 """A place is new where the map has none within so many spacings."""

@@ -2,45 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
 import msgspec
 import numpy as np
 
-from semloc_core.graph_arrays import Floats, Ints
-from semloc_core.map_database.history import FIRST_SEEN, History, ObjectBelief
+from semloc_core.graph import Floats, Ints, SceneGraph
+from semloc_core.map_database import FIRST_SEEN, History, ObjectBelief
 from semloc_core.map_merge.config import MergeConfig
 from semloc_core.map_merge.persistence import Verdict
 from semloc_core.map_merge.places import PlaceMatch
+from semloc_core.map_merge.sides import Revision, Side
 from semloc_core.map_merge.transform import Transform
-from semloc_core.scene_graph import SceneGraph
-from semloc_core.short_repr import short_repr
 from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
-
-if TYPE_CHECKING:
-    from semloc_core.map_merge.merge import Side
 
 MOST_AVERAGED = 10
 """A position is a mean of at most so many traversals: an object that creeps is followed."""
-
-
-@short_repr
-@dataclass(frozen=True, eq=False)
-class Revision:
-    """The building as it is now.
-
-    Args:
-        graph: its scene graph.
-        beliefs: what is believed of each of its objects.
-        counts: how many objects were ``confirmed``, ``moved``, ``missing``, ``added`` and ``forgotten``; ``places``
-            added.
-
-    """
-
-    graph: SceneGraph
-    beliefs: dict[str, ObjectBelief]
-    counts: dict[str, int]
 
 
 def revise(

@@ -7,25 +7,29 @@ from collections.abc import Mapping, Sequence
 import msgspec
 import numpy as np
 
+from semloc_core.encoding import Model, embed_graph
 from semloc_core.errors import MapError
-from semloc_core.graph_arrays import GraphArrays
-from semloc_core.map_database.history import (
+from semloc_core.graph import GraphArrays, SceneGraph
+from semloc_core.map_database import (
     MAX_HISTORY_BYTES,
     Before,
     ClassChange,
     History,
+    PackedGraph,
+    ReadableMap,
     Traversal,
+    WritableMap,
+    class_weights,
+    object_weights,
+    pack_graph,
     pack_history,
+    unpack_graph,
     unpack_history,
 )
-from semloc_core.map_database.protocols import ReadableMap, WritableMap
-from semloc_core.map_database.records import PackedGraph, pack_graph, unpack_graph
-from semloc_core.map_database.weights import class_weights, object_weights
 from semloc_core.map_merge.align import Alignment
 from semloc_core.map_merge.config import MergeConfig
-from semloc_core.map_merge.merge import Merged, Side, lay, merge
-from semloc_core.model import Model, embed_graph
-from semloc_core.scene_graph import SceneGraph
+from semloc_core.map_merge.merging import Merged, lay, merge
+from semloc_core.map_merge.sides import Side
 
 
 def merge_into(
@@ -164,6 +168,35 @@ def write(database: WritableMap, model: Model, name: str, graph: SceneGraph, his
         database.revise_building(name, graph, arrays.place_positions, nothing, history)
         changed = map_weights(database, model) != before
         embed_again(database, model, database.buildings if changed else [name])
+
+
+def put_building(
+    database: WritableMap, model: Model, graph: SceneGraph, name: str, *, source: str = "", replace: bool = False
+) -> int:
+    """Put a whole building into a map, its places embedded by the map's model.
+
+    Args:
+        database: the map, open for changes.
+        model: the map's own.
+        graph: the building; at least one place.
+        name: it is known by.
+        source: where it came from, such as a file name.
+        replace: the map has it already, and this is what it has become.
+
+    Returns:
+        How many places it has.
+
+    Raises:
+        MapError: the name is taken, or is not there to be replaced; the map is as it was.
+
+    """
+    arrays = GraphArrays.from_scene_graph(graph, model.labelspace, name)
+    before = map_weights(database, model)
+    write = database.replace_building if replace else database.add_building
+    nothing = np.zeros((arrays.n_places, model.encoder.dimension), dtype=np.float32)
+    write(name, graph, arrays.place_ids, arrays.place_positions, nothing, source=source)
+    embed_again(database, model, database.buildings if map_weights(database, model) != before else [name])
+    return arrays.n_places
 
 
 def embed_again(database: WritableMap, model: Model, names: Sequence[str]) -> None:

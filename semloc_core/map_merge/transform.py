@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semloc_core.graph_arrays import Floats
+from semloc_core.graph import Floats
 
 
 @dataclass(frozen=True)

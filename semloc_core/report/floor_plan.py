@@ -14,10 +14,10 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
+from semloc_core.graph import SceneGraph
 from semloc_core.report.colours import INK, OTHER, OTHER_STYLE, RIGHT, SCALE, WRONG, ClassLooks
 from semloc_core.report.drawing import WIDTH, bare, figure, shown
-from semloc_core.scene_graph import SceneGraph
-from semloc_core.short_repr import short_repr
+from semloc_core.text import short_repr
 
 Floats = NDArray[np.float64]
 

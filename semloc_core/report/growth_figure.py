@@ -5,11 +5,11 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 
-from semloc_core.evaluate.rows import Row
+from semloc_core.metrics import Row
 
 
 def growth_picture(rows: Sequence[Row]) -> bytes:
-    """PNG of `semloc_core.evaluate.bench_growth`: a column for each thing that grows, time above memory."""
+    """PNG of `semloc_core.benchmark.growth`: a column for each thing that grows, time above memory."""
     from matplotlib.figure import Figure
 
     scopes = list(dict.fromkeys(str(row["scope"]) for row in rows))

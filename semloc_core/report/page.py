@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 
-from semloc_core.evaluate.rows import Row
-from semloc_core.evaluate.table import cell, columns
-from semloc_core.short_repr import short_repr
+from semloc_core.metrics import Row, cell, columns
+from semloc_core.text import short_repr
 
 
 @short_repr

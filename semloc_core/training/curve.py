@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from semloc_core.errors import TrainingError
-from semloc_core.whole_file import write_whole
+from semloc_core.files import write_whole
 
 
 def plot_curve(history: Sequence[dict[str, float]], path: Path) -> None:

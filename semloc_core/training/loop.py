@@ -19,21 +19,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from semloc_core.encoder import Encoder, build_encoder
+from semloc_core.encoding import Batch, Encoder, Model, build_encoder, extract_all, take_stars, union
 from semloc_core.errors import TrainingError
-from semloc_core.graph_arrays import Floats, GraphArrays, Ints
-from semloc_core.labelspace import Labelspace
-from semloc_core.model import Model
-from semloc_core.place_graph import Batch, extract_all, take_stars, union
-from semloc_core.short_repr import short_repr
+from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace
+from semloc_core.text import short_repr
 from semloc_core.training.config import PerturbConfig, TrainConfig
-from semloc_core.training.fragments import join
 from semloc_core.training.losses import Loss, build_loss, ignore_radius
-from semloc_core.training.redecorate import redecorate
 from semloc_core.training.split import Split, split_places
 from semloc_core.training.state import Progress, TrainingState, fingerprint, load_state, save_state
 from semloc_core.training.validation import fit_temperature, judge
-from semloc_core.training.variants import Variant, VariantMaker, VariantPool, pair_masks
+from semloc_core.training.views.fragments import join
+from semloc_core.training.views.redecorate import redecorate
+from semloc_core.training.views.variants import Variant, VariantMaker, VariantPool, pair_masks
 from semloc_core.training.warm_start import take_over, view_pairs
 
 logger = logging.getLogger(__name__)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.errors import TrainingError
-from semloc_core.graph_arrays import Floats, GraphArrays
-from semloc_core.short_repr import short_repr
+from semloc_core.graph import Floats, GraphArrays
+from semloc_core.text import short_repr
 
 Bools = NDArray[np.bool_]
 Part = Literal["train", "validation", "test"]

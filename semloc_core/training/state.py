@@ -15,10 +15,9 @@ import torch
 from torch import Tensor
 
 from semloc_core.errors import TrainingError
-from semloc_core.graph_arrays import GraphArrays
-from semloc_core.labelspace import Labelspace
+from semloc_core.files import write_whole
+from semloc_core.graph import GraphArrays, Labelspace
 from semloc_core.training.config import TrainConfig
-from semloc_core.whole_file import write_whole
 
 FORMAT = 1
 

@@ -10,14 +10,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from semloc_core.encoder.base import Encoder
-from semloc_core.evaluate.metrics import pr_auc, similarity_matrix
-from semloc_core.graph_arrays import Floats
-from semloc_core.short_repr import short_repr
+from semloc_core.encoding import Encoder, similarity_matrix
+from semloc_core.graph import Floats
+from semloc_core.metrics import pr_auc
+from semloc_core.text import short_repr
 from semloc_core.training.config import TrainConfig
 from semloc_core.training.losses import build_loss, ignore_radius
 from semloc_core.training.split import Bools, Part
-from semloc_core.training.variants import Variant, pair_masks
+from semloc_core.training.views.variants import Variant, pair_masks
 
 Located = list[tuple[int, Floats]]
 """Blocks of rows: the building they are in, and (b, 3) positions in metres."""

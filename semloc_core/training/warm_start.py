@@ -7,13 +7,10 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from semloc_core.encoder import Encoder
-from semloc_core.encoder.discriminant import Pairs
+from semloc_core.encoding import Encoder, Model, Pairs
 from semloc_core.errors import TrainingError
-from semloc_core.graph_arrays import Floats
-from semloc_core.labelspace import Labelspace
-from semloc_core.model import Model
-from semloc_core.training.variants import VariantMaker
+from semloc_core.graph import Floats, Labelspace
+from semloc_core.training.views.variants import VariantMaker
 
 SAME_PLACE_M = 3.0
 """Two places of two variants are views of one where they are nearest and no farther apart than this, metres."""

@@ -25,8 +25,7 @@ from std_msgs.msg import Header, String
 from tf2_msgs.msg import TFMessage
 
 from semloc_core import wire
-from semloc_core.poses import orientation_of, quaternion_of, ros_covariance
-from semloc_core.wire import Position
+from semloc_core.wire import Position, orientation_of, quaternion_of, ros_covariance
 from semloc_ros.diagnostics import Line
 from semloc_ros.tf import Stamped
 

@@ -24,8 +24,8 @@ from typing import Literal
 
 import numpy as np
 
-from semloc_core.class_shift import ClassShift, Shift
-from semloc_core.labelspace import all_numbers
+from semloc_core.explain import ClassShift, Shift
+from semloc_core.graph import all_numbers
 from semloc_core.wire import PlaceMatches
 from semloc_ros.explaining import ExplainCounts
 from semloc_ros.worker import Answer, Worker

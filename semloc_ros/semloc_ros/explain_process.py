@@ -28,11 +28,10 @@ from multiprocessing.connection import Connection
 from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import SemlocError
-from semloc_core.explain.answered import explain_answer
-from semloc_core.explain.pair import answer_query
-from semloc_core.layout.evidence import Evidence
+from semloc_core.explain import answer_query, explain_answer
 from semloc_core.localiser import Located, Query
 from semloc_core.map_database import LoadedMap
+from semloc_core.matching import Evidence
 
 READY = -1
 NICENESS = 5

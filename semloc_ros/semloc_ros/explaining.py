@@ -37,8 +37,7 @@ import msgspec
 from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import SemlocError
-from semloc_core.explain.answered import explain_answer
-from semloc_core.explain.layout_scores import LAYOUT
+from semloc_core.explain import LAYOUT, explain_answer
 from semloc_core.localiser import Located
 from semloc_ros.explain_process import READY, Question, Reply
 

@@ -29,9 +29,9 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from std_msgs.msg import Empty, String
 
-from semloc_core.classes import Reading
 from semloc_core.errors import SemlocError
-from semloc_core.hydra.stream import DsgStream
+from semloc_core.graph import Reading
+from semloc_core.sources import DsgStream
 from semloc_ros import conversions, qos
 from semloc_ros.parameters import declare, read
 from semloc_ros.running import run
@@ -60,7 +60,7 @@ class Bridge(Node):
         self._stream = DsgStream(reading, config.full_every_s, config.robot or None)
         self._waiting: deque[Any] = deque()
         self._dropped: dict[str, int] = {}
-        logging.getLogger("semloc_core.hydra").setLevel(logging.ERROR)  # what is dropped is said below, once
+        logging.getLogger("semloc_core.sources.hydra").setLevel(logging.ERROR)  # what is dropped is said below, once
         self._publisher = self.create_publisher(String, "scene_graph", qos.UPDATES)
         # Messages are taken in while one is worked on, so that of whole graphs only the latest waits.
         self._there_is_work = self.create_guard_condition(self._work, MutuallyExclusiveCallbackGroup())

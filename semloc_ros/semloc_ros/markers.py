@@ -28,8 +28,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from semloc_core.map_database import LoadedMap
-from semloc_core.poses import quaternion_of
-from semloc_core.wire import Match, PlaceMatches, Position
+from semloc_core.wire import Match, PlaceMatches, Position, quaternion_of
 from semloc_ros.conversions import header, point, quaternion
 
 PLACE_M = 0.15

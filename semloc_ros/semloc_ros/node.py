@@ -42,8 +42,8 @@ from std_srvs.srv import Trigger
 from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import ConfigError, SemlocError
+from semloc_core.fleet import open_localiser
 from semloc_core.localiser import Localiser
-from semloc_core.open_map import open_localiser
 from semloc_ros import conversions, qos
 from semloc_ros.diagnostics import not_running
 from semloc_ros.parameters import READ_ONLY, NodeConfig, declare, read

@@ -27,12 +27,17 @@ from msgspec import Meta
 from rclpy.node import Node
 from std_msgs.msg import Empty, String
 
-from semloc_core.bag import GROUND_TRUTH_TOPIC, SCENE_GRAPH_TOPIC
-from semloc_core.classes import Reading
 from semloc_core.errors import FileFormatError
-from semloc_core.hydra import HydraFile, read_hydra
-from semloc_core.scene_graph import SceneGraph
-from semloc_core.simulate import SimulationConfig, Step, simulate_traversal
+from semloc_core.graph import Reading, SceneGraph
+from semloc_core.sources import (
+    GROUND_TRUTH_TOPIC,
+    SCENE_GRAPH_TOPIC,
+    HydraFile,
+    SimulationConfig,
+    Step,
+    read_hydra,
+    simulate_traversal,
+)
 from semloc_ros import conversions, qos
 from semloc_ros.parameters import declare, read
 from semloc_ros.running import run

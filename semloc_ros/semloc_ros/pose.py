@@ -17,8 +17,7 @@ from __future__ import annotations
 
 import math
 
-from semloc_core.poses import matched_pose
-from semloc_core.wire import PlaceMatches
+from semloc_core.wire import PlaceMatches, matched_pose
 
 
 class Consistency:

@@ -25,12 +25,12 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from semloc_core import wire
-from semloc_core.class_shift import ClassShift
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import SemlocError
-from semloc_core.hint import Hint
+from semloc_core.explain import ClassShift
 from semloc_core.localiser import Localiser, Located
 from semloc_core.map_database import LoadedMap
+from semloc_core.tracking import Hint
 from semloc_ros.diagnostics import Diagnostics, Line
 from semloc_ros.explaining import Explaining
 from semloc_ros.parameters import NodeConfig

@@ -30,8 +30,8 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from semloc_core.errors import GraphError, MessageError, SemlocError
+from semloc_core.graph import Outcome
 from semloc_core.localiser import Localiser, Located
-from semloc_core.stream import Outcome
 from semloc_core.wire import SceneGraphUpdate, decode_update
 
 T = TypeVar("T")
@@ -188,7 +188,7 @@ class Worker:
         self.call(self._forget)
 
     def stream_counts(self) -> Counter[str]:
-        """How many updates had which outcome, see `semloc_core.stream.UpdateStream.counts`."""
+        """How many updates had which outcome, see `semloc_core.graph.changes.stream.UpdateStream.counts`."""
         return Counter(self._localiser.stream.counts)
 
     @property

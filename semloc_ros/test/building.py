@@ -19,15 +19,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from semloc_core.encoder import build_encoder
-from semloc_core.graph_arrays import GraphArrays
-from semloc_core.hydra import node_id, write_hydra
-from semloc_core.labelspace import Labelspace
+from semloc_core.encoding import Model, build_encoder, embed_graph
+from semloc_core.graph import GraphArrays, Labelspace, SceneGraph
 from semloc_core.map_database import MapDatabase
-from semloc_core.model import Model, embed_graph
-from semloc_core.run import write_run
-from semloc_core.scene_graph import SceneGraph
-from semloc_core.simulate import SimulationConfig, simulate_traversal
+from semloc_core.sources import SimulationConfig, node_id, simulate_traversal, write_hydra, write_run
 from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 CLASSES = ("chair", "couch", "plant", "painting", "lamp", "shelf")

@@ -22,9 +22,7 @@ import sys
 import threading
 import time
 
-from semloc_core.fleet.address import MilvusAddress
-from semloc_core.fleet.database import FleetDatabase
-from semloc_core.fleet.file_source import FileSource
+from semloc_core.fleet import FileSource, FleetDatabase, MilvusAddress
 
 
 class MapServer:

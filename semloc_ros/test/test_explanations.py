@@ -27,7 +27,7 @@ def updates(**options):
 
 
 def test_explain_answers_by_every_explainer(localiser, client):
-    from semloc_core.explain.explainers import EXPLAINERS
+    from semloc_core.explain import EXPLAINERS
 
     localiser()
     side = client().connect()

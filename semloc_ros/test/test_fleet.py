@@ -26,10 +26,10 @@ from rclpy.lifecycle import TransitionCallbackReturn
 
 from semloc_core import wire
 from semloc_core.config import LocaliserConfig
-from semloc_core.graph_arrays import GraphArrays
+from semloc_core.encoding import embed_graph
+from semloc_core.graph import GraphArrays
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import load
-from semloc_core.model import embed_graph
 
 NAMES = itertools.count()
 SOON = {"server_timeout_s": 1.0, "server_poll_s": 0.1}

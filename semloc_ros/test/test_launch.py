@@ -25,7 +25,7 @@ import threading
 import pytest
 from conftest import wait_for
 
-from semloc_core.bag import BagReader, decode_string
+from semloc_core.sources import BagReader, decode_string
 
 
 class Launch:

@@ -24,7 +24,7 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
 from semloc_core import wire
-from semloc_core.scene_graph import SceneGraph
+from semloc_core.graph import SceneGraph
 from semloc_ros import conversions
 
 

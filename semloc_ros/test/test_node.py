@@ -185,7 +185,7 @@ def test_bad_updates_are_refused_counted_and_lose_nothing(localiser, client, cap
 def test_text_that_is_not_utf8_does_not_end_the_node(localiser, client, spin):
     from std_msgs.msg import String
 
-    from semloc_core.bag import encode_string
+    from semloc_core.sources import encode_string
     from semloc_ros import qos
 
     localiser()

@@ -24,7 +24,7 @@ from ament_index_python.packages import get_package_prefix
 from conftest import SCENES
 
 from semloc_core import wire
-from semloc_core.bag import BagReader, decode_string
+from semloc_core.sources import BagReader, decode_string
 
 
 @pytest.mark.parametrize("name", ["pipeline", "robots", "swap", "bags", "hydra"])

@@ -33,9 +33,9 @@ from visualization_msgs.msg import Marker
 from semloc_core import wire
 from semloc_core.config import LocaliserConfig, options
 from semloc_core.errors import ConfigError, SemlocError
+from semloc_core.graph import Outcome, UpdateStream
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import load
-from semloc_core.stream import Outcome, UpdateStream
 from semloc_ros import conversions, markers, parameters
 
 
@@ -319,7 +319,7 @@ def test_what_a_question_raises_goes_to_who_asked(worker):
 
 def test_hydras_binary_form_arrives_as_updates(assets):
     spark_dsg = pytest.importorskip("spark_dsg")
-    from semloc_core.hydra.stream import DsgStream
+    from semloc_core.sources import DsgStream
 
     graph = spark_dsg.DynamicSceneGraph.load(str(assets / "home.json"))
     stream, receiver = DsgStream(None, 5.0), UpdateStream()
@@ -346,7 +346,7 @@ def test_hydras_binary_form_arrives_as_updates(assets):
 
 def test_a_part_of_hydras_graph_leaves_the_rest_as_it_is(assets):
     spark_dsg = pytest.importorskip("spark_dsg")
-    from semloc_core.hydra.stream import DsgStream
+    from semloc_core.sources import DsgStream
 
     home = building.corridor()
     graph = spark_dsg.DynamicSceneGraph.load(str(assets / "home.json"))
@@ -373,8 +373,7 @@ def test_a_part_of_hydras_graph_leaves_the_rest_as_it_is(assets):
 
 
 def test_the_query_place_is_that_of_the_latest_pose():
-    from semloc_core.hydra import AgentPose
-    from semloc_core.hydra.stream import odometry, query_place
+    from semloc_core.sources import AgentPose, odometry, query_place
 
     graph, upright = building.corridor(), (0.0, 0.0, 0.0, 1.0)
     names = sorted(graph.places, key=lambda name: graph.places[name][0])

@@ -7,22 +7,22 @@ import numpy as np
 import pytest
 import torch
 
-from semloc_core import wire
+from semloc_core.benchmark.case import BenchCase, make_bench_case
+from semloc_core.benchmark.explain import Peer
+from semloc_core.benchmark.growth import corridor
+from semloc_core.benchmark.search import bench_search
+from semloc_core.benchmark.timing import Contender, by_turns
+from semloc_core.benchmark.train import bench_train, peer_embeddings
+from semloc_core.benchmark.update import STEPS, bench_update
+from semloc_core.benchmark.verified import PARTS, bench_verified
 from semloc_core.config import LocaliserConfig
-from semloc_core.evaluate.bench_case import BenchCase, make_bench_case
-from semloc_core.evaluate.bench_explain import Peer
-from semloc_core.evaluate.bench_growth import corridor
-from semloc_core.evaluate.bench_search import bench_search
-from semloc_core.evaluate.bench_timing import Contender, by_turns
-from semloc_core.evaluate.bench_train import bench_train, peer_embeddings
-from semloc_core.evaluate.bench_update import STEPS, bench_update
-from semloc_core.evaluate.bench_verified import PARTS, bench_verified
+from semloc_core.encoding.model import embed_graph
+from semloc_core.encoding.place_graph import extract_all
+from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.localiser import Localiser
-from semloc_core.map_database.search import ExactSearch
-from semloc_core.model import embed_graph
-from semloc_core.place_graph import extract_all
+from semloc_core.map_database.search.exact import ExactSearch
 from semloc_core.report.growth_figure import growth_picture
-from semloc_core.scene_graph import SceneGraph
+from semloc_core.wire import codec as wire
 
 
 @pytest.fixture(scope="module")

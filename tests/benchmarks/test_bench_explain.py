@@ -2,10 +2,10 @@
 
 import torch
 
-from semloc_core.evaluate.bench_explain import bench_explain, make_case
-from semloc_core.explain.coalitions import all_coalitions
-from semloc_core.explain.paper_copies import PaperCopies
-from semloc_core.explain.paper_removals import PaperRemovals
+from semloc_core.benchmark.explain import bench_explain, make_case
+from semloc_core.encoding.variants.copies import PaperCopies
+from semloc_core.encoding.variants.removals import PaperRemovals
+from semloc_core.explain.explainers.coalitions import all_coalitions
 
 
 def test_the_case_is_the_one_described():

@@ -5,7 +5,8 @@ import pytest
 from semloc_core.cli.explain import _nearest
 from semloc_core.cli.explained import print_answer, print_brief, print_explanation
 from semloc_core.errors import GraphError
-from semloc_core.messages import (
+from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.wire.messages import (
     ClassAttribution,
     ClassContrast,
     Counterfactual,
@@ -20,7 +21,6 @@ from semloc_core.messages import (
     WhyNot,
     WithoutClass,
 )
-from semloc_core.scene_graph import SceneGraph
 
 GRAPH = SceneGraph(places={"a": (0.0, 0.0, 0.0), "b": (3.0, 0.0, 2.0)}, neighbours={"a": {}, "b": {}})
 

@@ -5,8 +5,8 @@ import io
 import pytest
 from rich.console import Console
 
-from semloc_core.cli import common
-from semloc_core.cli.common import progress, show
+from semloc_core.cli.shared import common
+from semloc_core.cli.shared.common import progress, show
 
 NAMES = ("[/hq]", "[hq]", ":smile: x", "[red]floor[/red] 2")
 

@@ -10,7 +10,7 @@ import pytest
 from typer.main import get_command
 
 from semloc_core.cli.commands import app
-from semloc_core.cli.outputs import Command, Group, is_read, writes
+from semloc_core.cli.shared.outputs import Command, Group, is_read, writes
 
 READ = {"--map", "--run", "--study", "--synonyms", "--labelspace", "--model", "--start"}
 """Options that name what is read. A new option that takes a path is declared with `Writes`, or listed here."""

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from semloc_core.cli import choose_model, maps
+from semloc_core.cli.maps import commands as maps
+from semloc_core.cli.shared import choose_model
 from semloc_core.map_database import load
 
 
@@ -63,7 +64,7 @@ def test_a_rebuild_that_lost_the_race_says_so(semloc, homes, tmp_path, monkeypat
 
 STOPPED = """
 import os, signal, sys
-from semloc_core.cli import maps
+from semloc_core.cli.maps import commands as maps
 from semloc_core.__main__ import command
 
 def put(*given, **options):

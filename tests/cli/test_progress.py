@@ -2,7 +2,7 @@
 
 import pytest
 
-from semloc_core.cli import common
+from semloc_core.cli.shared import common
 
 
 def test_a_line_now_and_then_where_there_is_no_terminal(

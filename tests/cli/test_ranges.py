@@ -65,7 +65,7 @@ def test_a_refusal_names_every_bound(which: str) -> None:
 
 
 def test_a_nested_option_and_an_item_of_a_list_are_named_with_their_range() -> None:
-    from semloc_core.encoder.rings import RingsConfig
+    from semloc_core.encoding.encoder.rings import RingsConfig
     from semloc_core.training.config import TrainConfig
 
     with pytest.raises(

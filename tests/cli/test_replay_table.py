@@ -6,7 +6,7 @@ from collections import Counter
 from rich.console import Console
 
 from semloc_core.cli.replay_table import print_summary
-from semloc_core.replay import ReplaySummary
+from semloc_core.replay.recorded import ReplaySummary
 
 
 def row(scope: str, queries: int, right: float, precision: float | None = 0.9) -> dict[str, object]:

@@ -70,6 +70,6 @@ def test_stopping_it_is_said_in_a_line(monkeypatch, capsys) -> None:
     def stopped(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("semloc_core.world.write_world", stopped)
+    monkeypatch.setattr("semloc_core.sources.world.write_world", stopped)
     code, _, err = said(["world", "office", "-o", "office.json"], monkeypatch, capsys)
     assert (code, err.splitlines()[-1]) == (130, "semloc: interrupted")

@@ -6,7 +6,7 @@ import sys
 import pytest
 from small_building import building_update, make_map, make_model
 
-from semloc_core import wire
+from semloc_core.wire import codec as wire
 
 TOOLS = (
     *("scipy", "sklearn", "matplotlib", "typer", "rich", "rosbags", "mcap", "torch_geometric", "captum", "spark_dsg"),
@@ -38,7 +38,7 @@ def run(program: str, *absent: str) -> None:
 
 @pytest.mark.parametrize(
     "module",
-    ["semloc_core.localiser", "semloc_core.map_database", "semloc_core.explain.pair", "semloc_core.open_map"],
+    ["semloc_core.localiser", "semloc_core.map_database", "semloc_core.explain.pair", "semloc_core.fleet.open_map"],
 )
 def test_what_the_node_runs_needs_no_tools(module):
     run(f"import {module}", "rclpy", *TOOLS)
@@ -51,7 +51,7 @@ def test_a_map_is_loaded_and_asked_without_the_tools(tmp_path):
     (tmp_path / "update.json").write_bytes(wire.encode(building_update()))
     run(
         f"""
-from semloc_core.open_map import open_localiser
+from semloc_core.fleet.open_map import open_localiser
 result = open_localiser({str(path)!r}).update(open({str(tmp_path / "update.json")!r}).read())
 assert result.matches.matches and result.attributions.classes
 """,
@@ -75,4 +75,5 @@ for module in pkgutil.walk_packages(semloc_core.__path__, "semloc_core."):
 
 
 def test_the_wire_and_the_graph_need_no_torch():
-    run("import semloc_core.wire, semloc_core.scene_graph, semloc_core.visibility, semloc_core.hydra", "torch", "rclpy")
+    run("import semloc_core.wire, semloc_core.graph.scene_graph, semloc_core.graph.visibility", "torch", "rclpy")
+    run("import semloc_core.wire.codec, semloc_core.sources.hydra", "torch", "rclpy")

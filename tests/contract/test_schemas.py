@@ -9,8 +9,8 @@ from jsonschema import Draft202012Validator
 from jsonschema.exceptions import ValidationError
 
 from semloc_core.errors import MessageError
-from semloc_core.schemas import main, message_schema, schema_text, write_schemas
-from semloc_core.wire import MESSAGES, decode, encode, schema_of
+from semloc_core.wire.codec import MESSAGES, decode, encode, schema_of
+from semloc_core.wire.schemas import main, message_schema, schema_text, write_schemas
 
 FOLDER = Path(__file__).resolve().parents[2] / "msgs_schema"
 
@@ -34,7 +34,7 @@ def decoder_check(path: Path) -> msgspec.Struct:
 @pytest.mark.parametrize("name", MESSAGES)
 def test_the_file_is_what_the_types_generate(name):
     file = FOLDER / f"{name}.schema.json"
-    assert file.read_text() == schema_text(MESSAGES[name]), "run: python -m semloc_core.schemas msgs_schema"
+    assert file.read_text() == schema_text(MESSAGES[name]), "run: python -m semloc_core.wire.schemas msgs_schema"
 
 
 def test_no_schema_without_a_message():

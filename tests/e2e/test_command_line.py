@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from semloc_core.cli import main
-from semloc_core.hydra import write_hydra
-from semloc_core.labelspace import Labelspace
-from semloc_core.scene_graph import SceneGraph
-from semloc_core.world import OfficeConfig, make_office, write_world
+from semloc_core.graph.labels.labelspace import Labelspace
+from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.sources.hydra import write_hydra
+from semloc_core.sources.world import OfficeConfig, make_office, write_world
 
 
 class Result:
@@ -196,7 +196,7 @@ def test_a_failed_build_leaves_what_was_there(semloc, office, model, map_file, t
 
 
 def _empty_graph(path: Path, places: int) -> None:
-    from semloc_core.wire import Place, SceneGraphUpdate
+    from semloc_core.wire.codec import Place, SceneGraphUpdate
 
     update = SceneGraphUpdate(
         schema="semloc/scene_graph_update/1", stamp_ns=0, frame_id="map", seq=0, full=True, objects=[], edges=[],

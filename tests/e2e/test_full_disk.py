@@ -14,15 +14,15 @@ import numpy as np
 import pytest
 import torch
 
-from semloc_core.bag import read_messages
 from semloc_core.cli import main
-from semloc_core.encoder import build_encoder
+from semloc_core.encoding.encoder import build_encoder
+from semloc_core.encoding.model import Model
 from semloc_core.errors import ModelError, TrainingError
-from semloc_core.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.map_database import load
-from semloc_core.model import Model
+from semloc_core.sources.bag import read_messages
+from semloc_core.sources.world import OfficeConfig, make_office, write_world
 from semloc_core.training.state import Progress, TrainingState, load_state, save_state
-from semloc_core.world import OfficeConfig, make_office, write_world
 
 OFFICE = OfficeConfig(darts_per_m2=8.0, spacing_m=(0.7, 1.0), max_edge_m=2.2)
 DISK_BYTES = 1 << 20

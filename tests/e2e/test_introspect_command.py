@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from semloc_core.cli import main
-from semloc_core.world import OfficeConfig, make_office, write_world
+from semloc_core.sources.world import OfficeConfig, make_office, write_world
 
 
 @pytest.fixture(scope="module")

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from semloc_core.cli import main
-from semloc_core.hydra.write import write_hydra
+from semloc_core.encoding.model import Model
 from semloc_core.map_database import load
-from semloc_core.model import Model
-from semloc_core.world import OfficeConfig, make_office, write_world
+from semloc_core.sources.hydra.write import write_hydra
+from semloc_core.sources.world import OfficeConfig, make_office, write_world
 
 OFFICE = OfficeConfig(darts_per_m2=8.0, spacing_m=(0.7, 1.0), max_edge_m=2.2)
 

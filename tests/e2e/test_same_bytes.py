@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from semloc_core.bag import BagWriter, read_messages
+from semloc_core.sources.bag import BagWriter, read_messages
 
 ROOT = Path(__file__).resolve().parents[2]
 UPDATES = 30

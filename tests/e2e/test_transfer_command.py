@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from semloc_core.cli import main
-from semloc_core.general import load_general
-from semloc_core.hydra import read_hydra, write_hydra
-from semloc_core.labelspace import Labelspace
+from semloc_core.encoding.general import load_general
+from semloc_core.encoding.model import Model
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.map_database import load
-from semloc_core.model import Model
+from semloc_core.sources.hydra import read_hydra, write_hydra
 
 
 @pytest.fixture

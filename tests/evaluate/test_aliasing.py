@@ -5,11 +5,11 @@ import pytest
 import torch
 from small_building import SPACE, building_update, make_model
 
+from semloc_core.encoding.model import embed_graph
+from semloc_core.encoding.place_graph import extract_all
 from semloc_core.evaluate.aliasing import aliasing, colour_refinement, map_aliasing
-from semloc_core.graph_arrays import GraphArrays
-from semloc_core.model import embed_graph
-from semloc_core.place_graph import extract_all
-from semloc_core.scene_graph import SceneGraph
+from semloc_core.graph.arrays import GraphArrays
+from semloc_core.graph.scene_graph import SceneGraph
 
 
 def building(**options) -> GraphArrays:

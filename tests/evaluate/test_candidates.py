@@ -2,12 +2,12 @@
 
 import pytest
 
-from semloc_core.encoder import build_encoder
+from semloc_core.encoding.encoder import build_encoder
+from semloc_core.encoding.model import Model
 from semloc_core.errors import FileFormatError
 from semloc_core.evaluate.candidates import RANKS, evaluate_candidates
-from semloc_core.labelspace import Labelspace
-from semloc_core.model import Model
-from semloc_core.world import Furniture, OfficeConfig, RoomKind, make_world_pair, write_world
+from semloc_core.graph.labels.labelspace import Labelspace
+from semloc_core.sources.world import Furniture, OfficeConfig, RoomKind, make_world_pair, write_world
 
 SMALL = OfficeConfig(
     rooms=(RoomKind("office", 3, (3.5, 4.5)),),

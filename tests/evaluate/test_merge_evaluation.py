@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from semloc_core.encoder import build_encoder
+from semloc_core.encoding.encoder import build_encoder
+from semloc_core.encoding.model import Model
 from semloc_core.evaluate.merge import evaluate_merge
 from semloc_core.evaluate.merge_cases import LifeConfig, carry, home_cases, misplaced_m, world_cases
-from semloc_core.graph_arrays import GraphArrays
+from semloc_core.graph.arrays import GraphArrays
 from semloc_core.map_merge.transform import Transform
-from semloc_core.model import Model
 
 LIFE = LifeConfig(traversals=1, distance_m=0.0)
 

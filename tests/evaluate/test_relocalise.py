@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from semloc_core.encoder import build_encoder
+from semloc_core.encoding.encoder import build_encoder
+from semloc_core.encoding.model import Model
 from semloc_core.errors import FileFormatError
 from semloc_core.evaluate.relocalise import evaluate_relocalise, fitted, make_arena, read_buildings
-from semloc_core.evaluate.rows import Row
-from semloc_core.labelspace import Labelspace
-from semloc_core.model import Model
+from semloc_core.graph.labels.labelspace import Labelspace
+from semloc_core.metrics.rows import Row
+from semloc_core.sources.world import World, write_world
 from semloc_core.training.config import TrainConfig
-from semloc_core.world import World, write_world
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import pytest
 
 from semloc_core.evaluate.shortlisted import SCOPES_M, evaluate_shortlist
-from semloc_core.fleet.shortlist import ShortlistConfig
+from semloc_core.fleet.narrowing import ShortlistConfig
 
 
 def test_a_longer_list_misses_less_and_one_of_all_nothing():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from semloc_core.cli.evaluate import app
-from semloc_core.evaluate.online import evaluate_online
+from semloc_core.cli.evaluate.commands import app
+from semloc_core.evaluate.online.protocol import evaluate_online
 from semloc_core.evaluate.trust import Study, at_truth, failures, strangers, study_trust
 from semloc_core.evaluate.trust_curves import (
     condition_rows,
@@ -17,7 +17,7 @@ from semloc_core.evaluate.trust_curves import (
     threshold_rows,
     worst,
 )
-from semloc_core.world import World, write_world
+from semloc_core.sources.world import World, write_world
 
 SCOPES = (0.0, 5.0)
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from semloc_core.evaluate.introspect_map import introspect_map
-from semloc_core.explain.explainers import EXPLAINERS
-from semloc_core.general import load_general
-from semloc_core.graph_arrays import GraphArrays
+from semloc_core.encoding.general import load_general
+from semloc_core.explain.explainers.by_name import EXPLAINERS
+from semloc_core.graph.arrays import GraphArrays
+from semloc_core.introspection.whole_map import introspect_map
+from semloc_core.sources.world import KINDS, draw_pair
 from semloc_core.training.config import PerturbConfig
-from semloc_core.training.perturb import perturb
-from semloc_core.world import KINDS, draw_pair
+from semloc_core.training.views.perturb import perturb
 
 
 @pytest.fixture(scope="module")

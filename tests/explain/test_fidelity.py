@@ -6,7 +6,9 @@ import torch
 from query_cases import any_encoder, encoder_query, paper_encoder, toy_query
 
 from semloc_core.errors import ConfigError
-from semloc_core.explain.explainers import EXPLAINERS, explain
+from semloc_core.explain.explainers.by_name import EXPLAINERS, explain
+from semloc_core.explain.explainers.random_baseline import inverted, random_scores
+from semloc_core.explain.explainers.shapley import node_shapley
 from semloc_core.explain.fidelity import (
     BUDGETS,
     budget_count,
@@ -15,8 +17,6 @@ from semloc_core.explain.fidelity import (
     own_fidelity,
     ranking,
 )
-from semloc_core.explain.random_baseline import inverted, random_scores
-from semloc_core.explain.shapley import node_shapley
 
 CLASSES = [0, 1, 1, 2, 3, 0, 2]
 OTHER = [0, 1, 2, 2, 3]

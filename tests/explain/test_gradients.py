@@ -7,8 +7,8 @@ from query_cases import any_encoder, encoder_query, paper_encoder, toy_query
 from torch import Tensor
 
 from semloc_core.errors import ConfigError
-from semloc_core.explain.integrated_gradients import integrated_gradients
-from semloc_core.explain.saliency import saliency
+from semloc_core.explain.explainers.integrated_gradients import integrated_gradients
+from semloc_core.explain.explainers.saliency import saliency
 
 CLASSES = [0, 1, 1, 2, 3, 0, 2]
 OTHER = [0, 1, 2, 2, 3]

@@ -5,13 +5,13 @@ import pytest
 import torch
 from small_building import building_update, make_map, make_model
 
-from semloc_core import wire
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
 from semloc_core.errors import GraphError
-from semloc_core.explain.explainers import EXPLAINERS
-from semloc_core.explain.pair import answer_request, explain_pair
+from semloc_core.explain.explainers.by_name import EXPLAINERS
+from semloc_core.explain.pair import answer_query, explain_pair
 from semloc_core.localiser import Localiser
-from semloc_core.messages import ExplainRequest
+from semloc_core.wire import codec as wire
+from semloc_core.wire.messages import ExplainRequest
 
 BY_SIMILARITY = LocaliserConfig(rerank="none")
 """A counterfactual is of the search by similarity alone."""
@@ -30,6 +30,10 @@ def ask(query=None, building=None, place=None, methods=None):
         schema="semloc/explain_request/1", stamp_ns=7, frame_id="", seq=3,
         query_place=query, map=building, place=place, methods=methods,
     )  # fmt: skip
+
+
+def answer_request(localiser, request):
+    return answer_query(localiser.ask(request.query_place), request)
 
 
 @pytest.fixture

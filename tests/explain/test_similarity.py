@@ -5,9 +5,9 @@ import pytest
 import torch
 from query_cases import any_encoder, class_names, encoder_query, paper_encoder, room, toy_query
 
-from semloc_core.encoder import ENCODERS
+from semloc_core.encoding.encoder import ENCODERS
+from semloc_core.encoding.variants.perturbed import PerturbedEncoder
 from semloc_core.errors import ModelError
-from semloc_core.explain.perturbed import PerturbedEncoder
 from semloc_core.explain.similarity import SimilarityQuery
 
 CLASSES = [0, 1, 1, 2, 3, 0, 2]

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 from lite_server import LiteServer
 
-from semloc_core.fleet.address import MilvusAddress
+from semloc_core.fleet.milvus.address import MilvusAddress
 
 
 @pytest.fixture(scope="session")

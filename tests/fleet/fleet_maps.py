@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from map_cases import make_building, make_model
 
-from semloc_core.fleet.address import MilvusAddress
-from semloc_core.fleet.database import FleetDatabase
+from semloc_core.fleet.milvus.address import MilvusAddress
+from semloc_core.fleet.writing.database import FleetDatabase
 
 
 def fill(address: MilvusAddress, order: tuple[str, ...] = ("a", "b")) -> None:

@@ -16,11 +16,11 @@ import numpy as np
 import torch
 from map_cases import Building, make_building, make_model
 
-from semloc_core.fleet import database as _preloaded  # noqa: F401
-from semloc_core.fleet.address import MilvusAddress
-from semloc_core.fleet.database import FleetDatabase
+from semloc_core.encoding.model import Model
+from semloc_core.fleet.milvus.address import MilvusAddress
 from semloc_core.fleet.source import Fetched
-from semloc_core.model import Model
+from semloc_core.fleet.writing import database as _preloaded  # noqa: F401
+from semloc_core.fleet.writing.database import FleetDatabase
 
 SIZES = (20, 31)  # places of the two variants of a building
 

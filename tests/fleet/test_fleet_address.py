@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from semloc_core.errors import MapError
-from semloc_core.fleet.address import MilvusAddress, is_address, parse_address
+from semloc_core.fleet.milvus.address import MilvusAddress, is_address, parse_address
 
 
 @pytest.mark.parametrize(
@@ -65,14 +65,15 @@ def test_files_are_no_addresses(text: str) -> None:
 
 def test_pymilvus_is_not_imported_before_a_server_is_asked() -> None:
     """It would cost who uses map files half a second and a hundred megabytes."""
-    modules = "semloc_core.open_map, semloc_core.fleet.milvus_source, semloc_core.fleet.database, semloc_core.cli"
+    fleet = "semloc_core.fleet."
+    modules = f"{fleet}open_map, {fleet}milvus.source, {fleet}writing.database, semloc_core.cli"
     check = "sorted({'pymilvus', 'grpc', 'pandas'} & sys.modules.keys())"
     code = f"import sys, {modules}; print({check})"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 
 
 def test_without_pymilvus_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    from semloc_core.fleet.milvus_source import MilvusSource
+    from semloc_core.fleet.milvus.source import MilvusSource
 
     monkeypatch.setitem(sys.modules, "pymilvus", None)
     with pytest.raises(MapError, match=r"got no pymilvus: pip install -e '.\[fleet\]' in the clone"):

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from semloc_core.cli import main
-from semloc_core.encoder import build_encoder
-from semloc_core.fleet.address import MilvusAddress
-from semloc_core.fleet.creating import make_collections
-from semloc_core.fleet.milvus_source import MilvusSource
-from semloc_core.fleet.server import Server
+from semloc_core.encoding.encoder import build_encoder
+from semloc_core.encoding.model import Model
+from semloc_core.fleet.milvus.address import MilvusAddress
+from semloc_core.fleet.milvus.creating import make_collections
+from semloc_core.fleet.milvus.server import Server
+from semloc_core.fleet.milvus.source import MilvusSource
 from semloc_core.map_database import load
-from semloc_core.model import Model
-from semloc_core.world import OfficeConfig, make_office, write_world
+from semloc_core.sources.world import OfficeConfig, make_office, write_world
 
 OFFICE = OfficeConfig(darts_per_m2=8.0, spacing_m=(0.7, 1.0), max_edge_m=2.2)
 

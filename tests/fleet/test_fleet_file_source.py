@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from map_cases import make_building, make_map, make_model
 
-from semloc_core.building_patterns import matching_buildings
 from semloc_core.errors import MapError
 from semloc_core.fleet.file_source import FileSource
 from semloc_core.map_database import MapDatabase, load
-from semloc_core.map_database.records import building_digest
+from semloc_core.map_database.building_patterns import matching_buildings
+from semloc_core.map_database.stored.records import building_digest
 
 
 @pytest.fixture

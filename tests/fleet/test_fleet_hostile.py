@@ -22,12 +22,12 @@ from fleet_maps import fill
 from map_cases import ONE_LINE, make_building, make_model
 
 from semloc_core.errors import MapError, MapUnavailableError
-from semloc_core.fleet import layout
-from semloc_core.fleet.address import CERTIFICATE_VARIABLE, TOKEN_VARIABLE, MilvusAddress
-from semloc_core.fleet.database import FleetDatabase
-from semloc_core.fleet.milvus_source import MilvusSource
-from semloc_core.fleet.rows import Pointer, pack, unpack
-from semloc_core.fleet.server import Server
+from semloc_core.fleet.milvus import collections as layout
+from semloc_core.fleet.milvus.address import CERTIFICATE_VARIABLE, TOKEN_VARIABLE, MilvusAddress
+from semloc_core.fleet.milvus.rows import Pointer, pack, unpack
+from semloc_core.fleet.milvus.server import Server
+from semloc_core.fleet.milvus.source import MilvusSource
+from semloc_core.fleet.writing.database import FleetDatabase
 
 Rows = list[dict[str, Any]]
 Tamper = Callable[[Rows], object]

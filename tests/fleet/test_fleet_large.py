@@ -3,15 +3,15 @@
 import pytest
 from small_building import building_update, make_map, make_model
 
-import semloc_core.open_map
-from semloc_core import wire
+import semloc_core.fleet.open_map
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import MapError
-from semloc_core.fleet.large import LargeMapLocaliser
-from semloc_core.fleet.shortlist import ShortlistConfig
+from semloc_core.fleet.large_file import LargeMapLocaliser
+from semloc_core.fleet.narrowing import ShortlistConfig
+from semloc_core.fleet.open_map import open_localiser
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import load
-from semloc_core.open_map import open_localiser
+from semloc_core.wire import codec as wire
 
 NAMES = [f"{site}/{i}" for site in ("hq", "lab") for i in range(4)]
 
@@ -24,12 +24,12 @@ def path(tmp_path):
 
 @pytest.fixture
 def small_limit(monkeypatch):
-    monkeypatch.setattr(semloc_core.open_map, "ShortlistConfig", lambda: ShortlistConfig(places=100))
+    monkeypatch.setattr(semloc_core.fleet.open_map, "ShortlistConfig", lambda: ShortlistConfig(places=100))
 
 
 def test_only_a_large_file_is_narrowed(path, monkeypatch):
     assert type(open_localiser(str(path))) is Localiser
-    monkeypatch.setattr(semloc_core.open_map, "ShortlistConfig", lambda: ShortlistConfig(places=100))
+    monkeypatch.setattr(semloc_core.fleet.open_map, "ShortlistConfig", lambda: ShortlistConfig(places=100))
     large = open_localiser(str(path))
     assert type(large) is LargeMapLocaliser
     assert large.server() is None  # nothing for diagnostics to report of a server

@@ -8,9 +8,9 @@ from lite_server import LiteServer
 from map_cases import make_building, make_model
 
 from semloc_core.errors import MapUnavailableError
-from semloc_core.fleet.address import MilvusAddress
-from semloc_core.fleet.database import FleetDatabase
-from semloc_core.fleet.milvus_source import MilvusSource
+from semloc_core.fleet.milvus.address import MilvusAddress
+from semloc_core.fleet.milvus.source import MilvusSource
+from semloc_core.fleet.writing.database import FleetDatabase
 
 
 def test_server_killed_and_started_again(tmp_path: Path) -> None:

@@ -10,13 +10,14 @@ from fleet_maps import fill
 from map_cases import make_building, make_map, make_model
 
 from semloc_core.errors import MapError
-from semloc_core.fleet import layout, reading, server
-from semloc_core.fleet.address import MilvusAddress
-from semloc_core.fleet.creating import make_collections
-from semloc_core.fleet.database import FleetDatabase
 from semloc_core.fleet.file_source import FileSource
-from semloc_core.fleet.milvus_source import MilvusSource
-from semloc_core.fleet.server import Server
+from semloc_core.fleet.milvus import collections as layout
+from semloc_core.fleet.milvus import reading, server
+from semloc_core.fleet.milvus.address import MilvusAddress
+from semloc_core.fleet.milvus.creating import make_collections
+from semloc_core.fleet.milvus.server import Server
+from semloc_core.fleet.milvus.source import MilvusSource
+from semloc_core.fleet.writing.database import FleetDatabase
 from semloc_core.map_database import MapDatabase, load
 
 

@@ -9,23 +9,23 @@ from lite_server import LiteServer
 from msgspec.structs import replace
 from small_building import building_update, delta, make_map, make_model
 
-from semloc_core import wire
 from semloc_core.config import LocaliserConfig
+from semloc_core.encoding.model import embed_graph
 from semloc_core.errors import MapError, MapUnavailableError
-from semloc_core.fleet.address import MilvusAddress
-from semloc_core.fleet.database import FleetDatabase
 from semloc_core.fleet.file_source import FileSource
 from semloc_core.fleet.link import Link
 from semloc_core.fleet.localiser import FleetLocaliser
-from semloc_core.fleet.milvus_source import MilvusSource
-from semloc_core.fleet.shortlist import ShortlistConfig
-from semloc_core.graph_arrays import GraphArrays
-from semloc_core.model import embed_graph
-from semloc_core.open_map import open_localiser
-from semloc_core.replay import replay
-from semloc_core.run import write_run
-from semloc_core.scene_graph import SceneGraph
-from semloc_core.simulate import SimulationConfig, simulate_traversal
+from semloc_core.fleet.milvus.address import MilvusAddress
+from semloc_core.fleet.milvus.source import MilvusSource
+from semloc_core.fleet.narrowing import ShortlistConfig
+from semloc_core.fleet.open_map import open_localiser
+from semloc_core.fleet.writing.database import FleetDatabase
+from semloc_core.graph.arrays import GraphArrays
+from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.replay.recorded import replay
+from semloc_core.sources.run import write_run
+from semloc_core.sources.simulate import SimulationConfig, simulate_traversal
+from semloc_core.wire import codec as wire
 
 NAMES = ["hq/it's", 'hq/"1"', "hq/größe", "lab 1", "lab\\2", "lab%"]
 FEW = ShortlistConfig(nearest=40, buildings=3)

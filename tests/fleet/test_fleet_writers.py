@@ -14,11 +14,11 @@ from fleet_writers import add, building_named, churn, preload, replace, start, v
 from map_cases import make_building, make_model
 
 from semloc_core.errors import MapError
-from semloc_core.fleet import layout
-from semloc_core.fleet.address import MilvusAddress
-from semloc_core.fleet.database import FleetDatabase
-from semloc_core.fleet.milvus_source import MilvusSource
-from semloc_core.fleet.server import Server
+from semloc_core.fleet.milvus import collections as layout
+from semloc_core.fleet.milvus.address import MilvusAddress
+from semloc_core.fleet.milvus.server import Server
+from semloc_core.fleet.milvus.source import MilvusSource
+from semloc_core.fleet.writing.database import FleetDatabase
 from semloc_core.map_database import MapDatabase, load
 from semloc_core.map_database.history import ClassChange, History, Traversal
 
@@ -236,8 +236,8 @@ def test_a_map_built_anew_with_another_model_refuses_the_late(empty: MilvusAddre
     """Embeddings of two models in one map would be worthless; the number of dimensions may change too."""
     import torch
 
-    from semloc_core.encoder import build_encoder
-    from semloc_core.model import Model
+    from semloc_core.encoding.encoder import build_encoder
+    from semloc_core.encoding.model import Model
 
     old = make_model()
     encoder = build_encoder("paper", {"hidden": 8, "dimension": 10, "heads": 1}, 3, torch.Generator().manual_seed(1))

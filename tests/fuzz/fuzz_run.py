@@ -31,7 +31,7 @@ HANG_S = 20  # of one input's own CPU time
 BYTES_PER_INPUT_BYTE, FLOOR_BYTES = 64, 64 * 2**20
 """What a process may grow by: so much for a byte of its largest input, and what caches take. Beyond: a fault.
 
-A bag may take its record limit besides (`semloc_core.bag.mcap_stream.MAX_RECORD_BYTES`)."""
+A bag may take its record limit besides (`semloc_core.sources.bag.mcap_stream.MAX_RECORD_BYTES`)."""
 
 
 LONGEST_BYTES = 2**20

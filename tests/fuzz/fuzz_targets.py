@@ -20,17 +20,17 @@ import msgspec
 import numpy as np
 from fuzz_mutate import damage, damage_json
 
-from semloc_core import wire
-from semloc_core.bag import read_messages
 from semloc_core.config import LocaliserConfig
+from semloc_core.encoding.model import Model
 from semloc_core.errors import GraphError, MessageError, SemlocError
-from semloc_core.hydra import read_hydra
-from semloc_core.labelspace import load_labelspace
+from semloc_core.graph.labels.labelspace import load_labelspace
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import describe, load
-from semloc_core.map_database.records import PackedGraph, unpack_graph
-from semloc_core.model import Model
-from semloc_core.run import read_run
+from semloc_core.map_database.stored.records import PackedGraph, unpack_graph
+from semloc_core.sources.bag import read_messages
+from semloc_core.sources.hydra import read_hydra
+from semloc_core.sources.run import read_run
+from semloc_core.wire import codec as wire
 
 LONGEST_LINE = 1000
 

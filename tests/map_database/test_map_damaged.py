@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from map_cases import ONE_LINE, make_building, make_map, make_model, same
 
+from semloc_core.encoding.model import Model
 from semloc_core.errors import MapError
 from semloc_core.map_database import MapDatabase, describe, load
-from semloc_core.map_database import schema as map_schema
-from semloc_core.map_database.records import PackedGraph, pack_graph, unpack_graph
-from semloc_core.model import Model
+from semloc_core.map_database.stored import schema as map_schema
+from semloc_core.map_database.stored.records import PackedGraph, pack_graph, unpack_graph
 
 
 @pytest.fixture(scope="module")

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from map_cases import LABELS, ONE_LINE, Building, make_building, make_map, make_model, same
 
-from semloc_core.encoder import build_encoder
+from semloc_core.encoding.encoder import build_encoder
+from semloc_core.encoding.model import Model, embed_graph
 from semloc_core.errors import MapError
-from semloc_core.graph_arrays import GraphArrays
-from semloc_core.hydra import read_hydra
-from semloc_core.labelspace import Labelspace
+from semloc_core.graph.arrays import GraphArrays
+from semloc_core.graph.labels.labelspace import Labelspace
+from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.map_database import MapDatabase, describe, load
-from semloc_core.model import Model, embed_graph
-from semloc_core.scene_graph import SceneGraph
+from semloc_core.sources.hydra import read_hydra
 
 
 @pytest.fixture(scope="module")

@@ -15,8 +15,8 @@ from map_cases import ONE_LINE, make_building, make_map, make_model, same
 from semloc_core.errors import MapError
 from semloc_core.map_database import MapDatabase, describe, load
 from semloc_core.map_database.history import MOVE_RATE, ClassChange, History, ObjectBelief, Traversal, move_rates
-from semloc_core.map_database.schema import FORMAT_VERSION
-from semloc_core.world import KINDS, draw_stacked
+from semloc_core.map_database.stored.schema import FORMAT_VERSION
+from semloc_core.sources.world import KINDS, draw_stacked
 
 RUN = Traversal("run.mcap", 0.5, (1.0, 2.0, 0.0), 0.1, 3, 1, 2, 1, 0, 4)
 HISTORY = History((RUN,), {"o0": ObjectBelief(0.3, 2, 4)}, {"chair": ClassChange(1.5, 2.5)})

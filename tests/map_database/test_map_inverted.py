@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from semloc_core.errors import MapError
-from semloc_core.map_database import inverted
-from semloc_core.map_database.inverted import InvertedSearch
-from semloc_core.map_database.search import ExactSearch
+from semloc_core.map_database.search import inverted
+from semloc_core.map_database.search.exact import ExactSearch
+from semloc_core.map_database.search.inverted import InvertedSearch
 
 pytest.importorskip("faiss", reason="faiss is not installed: approximate search was NOT tested")
 

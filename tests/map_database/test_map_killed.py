@@ -14,8 +14,8 @@ import pytest
 from killing import run_and_kill
 from map_cases import Building, make_building, make_map, make_model
 
+from semloc_core.encoding.model import Model
 from semloc_core.map_database import LoadedMap, MapDatabase, load
-from semloc_core.model import Model
 
 ROUNDS = int(os.environ.get("SEMLOC_SOAK", "0")) or 40  # set by `make soak`
 PLACES = 150

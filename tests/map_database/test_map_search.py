@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from semloc_core.errors import MapError
-from semloc_core.map_database.search import ExactSearch
+from semloc_core.map_database.search.exact import ExactSearch
 
 
 def unit_rows(rng: np.random.Generator, rows: int, dimension: int = 32) -> NDArray[np.float32]:
@@ -110,7 +110,7 @@ def test_no_query_at_all_gives_an_empty_batch() -> None:
 SCRIPT = """
 import hashlib, sys
 import numpy as np
-from semloc_core.map_database.search import ExactSearch
+from semloc_core.map_database.search.exact import ExactSearch
 rng = np.random.default_rng(6)
 embeddings = rng.standard_normal((200_003, 32)).astype(np.float32)
 embeddings /= np.linalg.norm(embeddings, axis=1, keepdims=True)

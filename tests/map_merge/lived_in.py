@@ -7,16 +7,16 @@ from functools import cache
 
 import numpy as np
 
-from semloc_core.encoder import build_encoder
+from semloc_core.encoding.encoder import build_encoder
+from semloc_core.encoding.model import Model
 from semloc_core.evaluate.merge_cases import WORLD
-from semloc_core.graph_arrays import GraphArrays
-from semloc_core.labelspace import Labelspace
+from semloc_core.graph.arrays import GraphArrays
+from semloc_core.graph.labels.labelspace import Labelspace
+from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.map_merge.transform import Transform
-from semloc_core.model import Model
-from semloc_core.scene_graph import SceneGraph
+from semloc_core.sources.world import make_office
 from semloc_core.training.config import PerturbConfig
-from semloc_core.training.perturb import perturb
-from semloc_core.world import make_office
+from semloc_core.training.views.perturb import perturb
 
 ONE_LINE = r"^expected [^\n]* \(got [^\n]*\)$"
 ELSEWHERE = Transform(2.1, (31.0, -12.0, 4.0))

@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 from lived_in import AGAIN, ELSEWHERE, ONE_LINE, inverse, moved, office, rings, seen_again
 
-from semloc_core.encoder import build_encoder
+from semloc_core.encoding.encoder import build_encoder
+from semloc_core.encoding.model import Model, embed_graph
 from semloc_core.errors import MapError
-from semloc_core.graph_arrays import GraphArrays
+from semloc_core.graph.arrays import GraphArrays
+from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.map_database.history import ClassChange, History, ObjectBelief
 from semloc_core.map_database.weights import class_weights, object_weights
 from semloc_core.map_merge import MergeConfig, merge
 from semloc_core.map_merge.edit import without_places
-from semloc_core.map_merge.merge import Merged
+from semloc_core.map_merge.merging import Merged
 from semloc_core.map_merge.persistence import Observation, judge
 from semloc_core.map_merge.store import side
 from semloc_core.map_merge.transform import Transform, fit_transform
-from semloc_core.model import Model, embed_graph
-from semloc_core.scene_graph import SceneGraph
-from semloc_core.training.perturb import perturb
+from semloc_core.training.views.perturb import perturb
 
 
 def merged(graph: SceneGraph, traversal: SceneGraph, history: History | None = None) -> Merged:

@@ -3,9 +3,9 @@ import pytest
 from small_building import building_update
 from svg_marks import Marks
 
+from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.report.colours import OWN, ClassLooks
 from semloc_core.report.floor_plan import Plan, building_figure, confusion_figure, path_figure, similarity_figure
-from semloc_core.scene_graph import SceneGraph
 
 
 @pytest.fixture

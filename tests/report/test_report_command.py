@@ -4,7 +4,7 @@ from typer.testing import CliRunner
 
 from semloc_core.cli import app
 from semloc_core.errors import BagError, SemlocError
-from semloc_core.report.kept import keep
+from semloc_core.report.kept_page import keep
 from semloc_core.report.page import Page, Section
 
 

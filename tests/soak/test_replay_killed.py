@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 from small_building import building_update, make_map, make_model
 
-from semloc_core import replay as replaying
-from semloc_core.bag import BagWriter, read_messages
 from semloc_core.config import LocaliserConfig
+from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.map_database import LoadedMap
-from semloc_core.run import write_run
-from semloc_core.scene_graph import SceneGraph
-from semloc_core.simulate.traversal import SimulationConfig, simulate_traversal
+from semloc_core.replay import recorded as replaying
+from semloc_core.sources.bag import BagWriter, read_messages
+from semloc_core.sources.run import write_run
+from semloc_core.sources.simulate.traversal import SimulationConfig, simulate_traversal
 
 ROUNDS = int(os.environ.get("SEMLOC_SOAK", "0")) or 6  # set by `make soak`
 CONFIG = LocaliserConfig(explain_rate_hz=2.0)

@@ -20,16 +20,16 @@ from reference_graph import ReferenceGraph, makes_sense_alone
 from small_building import building_update, make_map, make_model
 
 from semloc_core.config import LocaliserConfig
+from semloc_core.encoding.model import embed_graph
+from semloc_core.encoding.place_graph import extract
 from semloc_core.errors import GraphError, MessageError
-from semloc_core.graph_arrays import GraphArrays
-from semloc_core.labelspace import Labelspace
+from semloc_core.graph.arrays import GraphArrays
+from semloc_core.graph.labels.labelspace import Labelspace
+from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph.visibility import Visibility
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
-from semloc_core.model import embed_graph
-from semloc_core.place_graph import extract
-from semloc_core.scene_graph import SceneGraph
-from semloc_core.visibility import Visibility
-from semloc_core.wire import PlaceMatches, SceneGraphUpdate, decode, encode
+from semloc_core.wire.codec import PlaceMatches, SceneGraphUpdate, decode, encode
 
 SPACE = Labelspace("test", CLASSES[:3])
 CLOSE = 1e-5

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from semloc_core.graph_arrays import GraphArrays
-from semloc_core.labelspace import Labelspace
+from semloc_core.graph.arrays import GraphArrays
+from semloc_core.graph.labels.labelspace import Labelspace
 
 LABELS = Labelspace("t", ("desk", "chair", "plant"), default_mobility=0.2)
 

@@ -4,13 +4,13 @@ import pytest
 import torch
 from buildings import LABELS, building
 
-from semloc_core.encoder import build_encoder
+from semloc_core.encoding.encoder import build_encoder
 from semloc_core.errors import ConfigError
 from semloc_core.training.config import DEFAULT_ENCODER, NEW_RUN, PerturbConfig, TrainConfig, train_config
-from semloc_core.training.fragments import draw_fragments, join
 from semloc_core.training.loop import train
 from semloc_core.training.losses import infonce, mil_nce
-from semloc_core.training.redecorate import redecorate
+from semloc_core.training.views.fragments import draw_fragments, join
+from semloc_core.training.views.redecorate import redecorate
 
 ENCODER = build_encoder("geodesic_attention", None, 3)
 

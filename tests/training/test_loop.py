@@ -11,8 +11,8 @@ import torch
 from buildings import LABELS, building
 
 from semloc_core.errors import ConfigError, SemlocError, TrainingError
-from semloc_core.graph_arrays import GraphArrays
-from semloc_core.labelspace import Labelspace
+from semloc_core.graph.arrays import GraphArrays
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.training.config import PerturbConfig, TrainConfig
 from semloc_core.training.loop import Report, train
 
@@ -258,7 +258,7 @@ def test_the_smallest_graphs_train(n_places):
 @pytest.mark.data
 @pytest.mark.skipif(not os.environ.get("SEMLOC_SLOW"), reason="takes a minute (set SEMLOC_SLOW)")
 def test_the_office_trains_within_a_minute(data_root: Path):
-    from semloc_core.hydra import read_hydra
+    from semloc_core.sources.hydra import read_hydra
 
     file = read_hydra(data_root / "goseek" / "office.json")
     assert file.labelspace is not None

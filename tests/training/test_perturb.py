@@ -3,11 +3,11 @@ import pytest
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from semloc_core.graph_arrays import GraphArrays
-from semloc_core.labelspace import Labelspace
+from semloc_core.graph.arrays import GraphArrays
+from semloc_core.graph.labels.labelspace import Labelspace
+from semloc_core.graph.resample import place_spacing, resample_places
 from semloc_core.training.config import PerturbConfig
-from semloc_core.training.perturb import add_false_objects, displace_objects, mislabel_objects, perturb
-from semloc_core.training.resample import place_spacing, resample_places
+from semloc_core.training.views.perturb import add_false_objects, displace_objects, mislabel_objects, perturb
 
 LABELS = Labelspace("t", ("desk", "chair", "plant"), mobility={"chair": 0.5, "desk": 0.0}, default_mobility=0.0)
 ALL_AT_ONCE = PerturbConfig(

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from semloc_core.errors import SemlocError
-from semloc_core.graph_arrays import GraphArrays
+from semloc_core.graph.arrays import GraphArrays
 from semloc_core.training.split import PARTS, positive_pairs, split_places
 
 NO_PAIRS = np.zeros((2, 0), dtype=np.int64)

@@ -6,12 +6,12 @@ import pytest
 from buildings import LABELS, building
 from test_fragments import CONFIG
 
-from semloc_core.encoder import build_encoder
+from semloc_core.encoding.encoder import build_encoder
+from semloc_core.encoding.model import Model
 from semloc_core.errors import TrainingError
-from semloc_core.labelspace import Labelspace
-from semloc_core.model import Model
+from semloc_core.graph.labels.labelspace import Labelspace
+from semloc_core.training.held_out import own_validation
 from semloc_core.training.loop import train
-from semloc_core.training.own_validation import own_validation
 from semloc_core.training.split import split_places
 
 

@@ -5,11 +5,11 @@ import pytest
 import torch
 from buildings import LABELS, building
 
-from semloc_core.encoder import build_encoder
+from semloc_core.encoding.encoder import build_encoder
 from semloc_core.training.config import PerturbConfig, TrainConfig
 from semloc_core.training.split import split_places
 from semloc_core.training.validation import _log_loss, fit_temperature, honest_temperature, judge
-from semloc_core.training.variants import VariantMaker, VariantPool, pair_masks
+from semloc_core.training.views.variants import VariantMaker, VariantPool, pair_masks
 
 RINGS = build_encoder("rings", None, len(LABELS))
 

@@ -26,11 +26,10 @@ from conftest import wait_for
 from rosbag2_interfaces.srv import PlayNext
 from scene import Watching, describe, localiser
 
-from semloc_core.bag import BagReader, decode_string
 from semloc_core.config import LocaliserConfig
 from semloc_core.map_database import load
 from semloc_core.replay import ATTRIBUTIONS_TOPIC, MATCHES_TOPIC, replay, score_results
-from semloc_core.run import read_run
+from semloc_core.sources import BagReader, decode_string, read_run
 from semloc_core.wire import decode_update
 
 STRING = "std_msgs/msg/String"

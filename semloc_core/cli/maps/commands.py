@@ -1,0 +1,87 @@
+"""``semloc map``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from semloc_core.cli.maps import changes as map_changes
+from semloc_core.cli.maps import info as map_info
+from semloc_core.cli.maps import server as map_server
+from semloc_core.cli.maps.changes import Inputs, Name, names_of, read_known
+from semloc_core.cli.shared.choose_model import choose_model
+from semloc_core.cli.shared.common import (
+    LabelspaceOption,
+    RobotOption,
+    SynonymsOption,
+    TopicOption,
+    console,
+    progress,
+)
+from semloc_core.cli.shared.foreign_classes import AllowUnknown
+from semloc_core.cli.shared.map_places import Index, fresh, map_that_was, refuse_existing
+from semloc_core.cli.shared.outputs import App, Force, Writes
+from semloc_core.cli.shared.screen import many
+from semloc_core.files import MAP
+
+app = App(no_args_is_help=True, help="Build and change map databases.")
+
+
+@app.command("build")
+def build(
+    inputs: Inputs,
+    output: Annotated[
+        str,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="MAP",
+            parser=Writes(MAP, address=True),
+            help="Where to write the map: a file or an address.",
+        ),
+    ],
+    model: Annotated[
+        str | None,
+        typer.Option(
+            "--model",
+            metavar="MODEL|NAME",
+            help="The trained encoder, or a shipped general one (coco, uhumans2_office); none given: the general one "
+            "that knows the most of the objects.",
+        ),
+    ] = None,
+    labelspace: LabelspaceOption = None,
+    name: Name = None,
+    synonyms: SynonymsOption = None,
+    allow_unknown: AllowUnknown = False,
+    topic: TopicOption = None,
+    robot: RobotOption = None,
+    force: Force = False,
+    index: Index = None,
+) -> None:
+    """Build a map database: every place of every building, embedded; the file carries the model too."""
+    from semloc_core.graph import Reading
+    from semloc_core.map_merge import put_building
+
+    if not force:
+        refuse_existing(output)
+    names, places, was = names_of(inputs, name), 0, map_that_was(output)
+    reading = Reading.of(labelspace, synonyms, topic=topic, robot=robot)
+    loaded = choose_model(model, inputs, reading, allow_unknown=allow_unknown)
+    reading = reading.with_known(loaded.labelspace)
+    with fresh(output, loaded, was, index) as database, progress("embedding places") as bar:
+        for i, (path, building) in enumerate(zip(inputs, names, strict=True)):
+            bar(i, len(inputs), building)
+            graph = read_known(path, reading, allow_unknown)
+            places += put_building(database, loaded, graph, building, source=path.name)
+    console.print(f"{output}: {many(places, 'place')} in {many(len(inputs), 'building')}")
+
+
+app.command("info")(map_info.info)
+app.command("add")(map_changes.add)
+app.command("replace")(map_changes.replace)
+app.command("remove")(map_changes.remove)
+app.command("merge")(map_changes.merge)
+app.command("push")(map_server.push)
+app.command("pull")(map_server.pull)
+app.command("sweep")(map_server.sweep)

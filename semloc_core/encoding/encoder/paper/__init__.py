@@ -1,0 +1,1 @@
+"""The paper's encoder: sum message passing and GATv2 (Section IV-B.1)."""

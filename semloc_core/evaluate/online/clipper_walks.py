@@ -1,0 +1,90 @@
+"""The peer along walks: what CLIPPER, registering all that the robot has seen against every home, makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from semloc_core import metrics
+from semloc_core.evaluate.online.answers import OnlineWalk, by_chance, steps_at, verdict
+from semloc_core.evaluate.online.clipper import ClipperConfig, register, upright_fit
+from semloc_core.evaluate.online.verified import groups_of, success_rows
+from semloc_core.evaluate.relocalise import Arena
+from semloc_core.evaluate.verified_answers import turned
+from semloc_core.graph import Floats, GraphArrays
+from semloc_core.metrics import Progress, Row, no_progress
+
+METHOD = "clipper"
+
+
+def judge_clipper(
+    arena: Arena,
+    paths: Sequence[OnlineWalk],
+    scopes_m: Sequence[float],
+    radius_m: float,
+    seed: int,
+    config: ClipperConfig | None = None,
+    progress: Progress = no_progress,
+) -> list[Row]:
+    """A row a scope of the peer's answers, in the same frames as `judge_online_layout` turns the robots' into.
+
+    A home's answer is its place next to the pose found there; homes are listed by the score of the registration. Of
+    right answers the rows hold the pose's error: ``position_error_m`` and ``heading_error_deg``, medians, and the same
+    ``_p90``.
+
+    Args:
+        arena: the homes.
+        paths: W walks.
+        scopes_m: K distances.
+        radius_m: how near is right.
+        seed: of the robots' frames, and of the bootstrap.
+        config: of the registration.
+        progress: told of every walk.
+
+    """
+    right = np.zeros((len(paths), len(scopes_m), max(metrics.RANKS)), np.bool_)
+    chance = np.zeros(right.shape[:2])
+    error = np.full((len(paths), len(scopes_m), 2), np.nan)
+    for i, path in enumerate(paths):
+        progress(i, len(paths), METHOD)
+        at = steps_at(path.walk, scopes_m)
+        moved = replace(path.walk, graph=turned(path.walk.graph, np.random.default_rng([seed, i])))
+        best = np.full(right.shape[1:], -1, dtype=np.int64)
+        truth = upright_fit(moved.graph.place_positions, path.walk.positions)[0]
+        for k, step in enumerate(at.tolist()):
+            part, place = moved.part(step)
+            found = _answers(arena, part, place, config)[: best.shape[1]]
+            best[k, : len(found)] = [row for _, row, _, _ in found]
+            if found:
+                _, _, where, yaw = found[0]
+                off = np.angle(np.exp(1j * (yaw - truth)))
+                error[i, k] = np.linalg.norm(where - path.walk.truth()[step]), np.degrees(np.abs(off))
+        right[i] = verdict(arena, path, at, best, radius_m)
+        chance[i] = by_chance(arena, path, at, radius_m)
+    keys: Row = {"method": METHOD, "filter": "none", "home": "any"}
+    rows = success_rows(keys, right, chance, groups_of(paths), scopes_m, seed)
+    for k, row in enumerate(rows):
+        for name, values in zip(("position_error_m", "heading_error_deg"), error[right[:, k, 0], k].T, strict=True):
+            if len(values):
+                row |= {name: float(np.median(values)), f"{name}_p90": float(np.quantile(values, 0.9))}
+    return rows
+
+
+def _answers(
+    arena: Arena, part: GraphArrays, place: int, config: ClipperConfig | None
+) -> list[tuple[float, int, Floats, float]]:
+    """Score, row of the database, position, yaw: one a home that anything could be registered against, best first."""
+    found: list[tuple[float, int, Floats, float]] = []
+    known, first = part.object_classes >= 0, 0
+    seen, classes = part.object_positions[known], part.object_classes[known]
+    for home in arena.maps:
+        mapped = home.object_classes >= 0
+        fit = register(seen, classes, home.object_positions[mapped], home.object_classes[mapped], config)
+        if fit is not None:
+            where = fit.apply(part.place_positions[place])
+            row = first + int(np.linalg.norm(home.place_positions - where, axis=1).argmin())
+            found.append((fit.score, row, where, fit.yaw))
+        first += home.n_places
+    return sorted(found, key=lambda answer: (-round(answer[0], 6), answer[1]))

@@ -1,0 +1,133 @@
+"""Answers along walks, verified by layout: how right they are, how honest, and what they make of a foreign building."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from semloc_core import metrics
+from semloc_core.encoding import Model, embed_graph, similarity_matrix
+from semloc_core.evaluate.online.answers import Bools, OnlineWalk, believed, by_chance, steps_at, verdict
+from semloc_core.evaluate.online.fragments import answered, embed_walk, surroundings_along
+from semloc_core.evaluate.relocalise import Arena
+from semloc_core.evaluate.verified_answers import add_error, any_frame, fragments_along, reranked, verified_evidence
+from semloc_core.graph import Floats, Ints
+from semloc_core.matching import LayoutVerifier, Placed
+from semloc_core.metrics import PoseErrors, Row, accepted_share, expected_calibration_error
+from semloc_core.tracking import FilterConfig, MapModel, PlaceFilter
+
+
+def judge_online_layout(
+    method: str,
+    model: Model,
+    arena: Arena,
+    paths: Sequence[OnlineWalk],
+    scopes_m: Sequence[float],
+    radius_m: float,
+    seed: int,
+    verifier: LayoutVerifier,
+    *,
+    places: MapModel | None = None,
+    foreign: bool = False,
+) -> list[Row]:
+    """Rows of one encoder whose answers are verified, under the name ``METHOD + layout``.
+
+    Each robot's frame is turned against the map's by an angle of its own. Rows of ``filter`` ``none`` hold ``ece`` too,
+    the expected calibration error of the probability of the best match at that distance, and the pose's errors
+    (`PoseErrors.figures`) where that match is right; those of scope
+    ``foreign …`` say what is accepted as in `semloc_core.evaluate.online.kidnapped.judge_foreign`, by that probability.
+
+    Args:
+        method: the encoder's name.
+        model: the encoder.
+        arena: the buildings.
+        paths: W walks.
+        scopes_m: K distances.
+        radius_m: how near is right.
+        seed: of the robots' frames, and of the bootstrap.
+        verifier: of the arena's maps.
+        places: for rows with the filter too.
+        foreign: ask also with the robot's building left out of the database.
+
+    """
+    database = np.concatenate([embed_graph(model, graph) for graph in arena.maps])
+    shape = (len(paths), len(scopes_m), max(metrics.RANKS))
+    right = {("none", home): np.zeros(shape, np.bool_) for home in ("any", "known")}
+    if places is not None:
+        right["bayes", "any"] = np.zeros(shape, np.bool_)
+    chance = {home: np.zeros(shape[:2]) for home in ("any", "known")}
+    sure, abroad = np.zeros(shape[:2]), np.full(shape[:2], -np.inf)
+    errors = [PoseErrors() for _ in scopes_m]
+    for i, path in enumerate(paths):
+        at = steps_at(path.walk, scopes_m)
+        asked = answered(path.walk.at(at))
+        for home, by in chance.items():
+            by[i] = by_chance(arena, path, at, radius_m, known=home == "known")
+        steps = at if places is None else np.arange(path.walk.steps)
+        similarity = similarity_matrix(embed_walk(model, path.walk.at(steps)), database)
+        fragments = fragments_along(path.walk, steps, verifier, np.random.default_rng([seed, i]))
+        rows = np.searchsorted(steps, at)
+        chosen = [fragments[row] for row in rows.tolist()]
+        at_home = arena.building == path.building
+        places_found: list[Placed | None] = []
+        best = reranked(verifier, chosen, similarity[rows], chances=sure[i], places=places_found)
+        right["none", "any"][i] = verdict(arena, path, at, best, radius_m)
+        turned = any_frame(np.random.default_rng([seed, i])).yaw
+        for k in np.flatnonzero(right["none", "any"][i][:, 0]).tolist():
+            step = int(at[k])
+            yaw = -(turned + path.walk.frame(step).yaw)
+            add_error(errors[k], places_found[k], chosen[k], path.walk.truth()[step], yaw)
+        best = reranked(verifier, chosen, similarity[rows], at_home)
+        right["none", "known"][i] = verdict(arena, path, at, best, radius_m)
+        if foreign:
+            reranked(verifier, chosen, similarity[rows], ~at_home, chances=abroad[i])
+            abroad[i][~asked] = -np.inf
+        sure[i][~asked] = 0.0
+        if places is not None:
+            evidence = places.evidence(
+                surroundings_along(path.walk, model.encoder.n_classes), similarity, FilterConfig()
+            )
+            evidence = verified_evidence(places, verifier, fragments, similarity, evidence)
+            best = believed(PlaceFilter(places), path.walk, evidence, at)
+            right["bayes", "any"][i] = verdict(arena, path, at, best, radius_m)
+    name = f"{method} + layout"
+    found: list[Row] = []
+    for (filter_, home), verdicts in right.items():
+        keys: Row = {"method": name, "filter": filter_, "home": home}
+        for k, row in enumerate(success_rows(keys, verdicts, chance[home], groups_of(paths), scopes_m, seed)):
+            if (filter_, home) == ("none", "any"):
+                row["ece"] = expected_calibration_error(sure[:, k], verdicts[:, k, 0])
+                row |= errors[k].figures()
+            found.append(row)
+    if foreign:
+        for k, metres in enumerate(scopes_m):
+            accepted = accepted_share(sure[:, k], abroad[:, k], right["none", "any"][:, k, 0])
+            keys = {"method": name, "filter": "none", "home": "any", "scope": f"foreign {metres:g}m"}
+            found.append({**keys, "queries": len(paths), **accepted})
+    return found
+
+
+def success_rows(
+    keys: Row, right: Bools, chance: Floats, groups: Ints | None, scopes_m: Sequence[float], seed: int
+) -> list[Row]:
+    """A row a scope of verdicts (W, K, 10), with bootstrap intervals over groups (W,) (over walks where None).
+
+    ``chance`` (W, K), of `by_chance`, is averaged over walks.
+    """
+    rng = np.random.default_rng(seed)
+    rows: list[Row] = []
+    for column, metres in enumerate(scopes_m):
+        row: Row = {**keys, "scope": f"{metres:g}m", "queries": len(right), "chance": float(chance[:, column].mean())}
+        for n in metrics.RANKS:
+            success: Bools = right[:, column, :n].max(axis=1)
+            low, high = metrics.bootstrap_interval(success, rng, groups=groups)
+            row |= {f"success@{n}": float(success.mean()), f"success@{n}_low": low, f"success@{n}_high": high}
+        rows.append(row)
+    return rows
+
+
+def groups_of(paths: Sequence[OnlineWalk]) -> Ints | None:
+    """(W,) the building of each walk; None where all are in one."""
+    groups = np.array([path.building for path in paths], dtype=np.int64)
+    return groups if len(np.unique(groups)) > 1 else None

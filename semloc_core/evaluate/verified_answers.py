@@ -1,0 +1,138 @@
+"""Answers verified by layout (`semloc_core.matching.layout`), for whole graphs and for walks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semloc_core import metrics
+from semloc_core.graph import Floats, GraphArrays, Ints
+from semloc_core.matching import (
+    SHARPNESS,
+    Fragment,
+    LayoutVerifier,
+    Placed,
+    Verified,
+    confidence,
+    fragment_of_arrays,
+    placed,
+)
+from semloc_core.metrics import PoseErrors
+from semloc_core.sources import Bools, Frame, Walk
+from semloc_core.tracking import MapModel
+
+Similarities = NDArray[np.float32]
+
+
+def layout_verifier(maps: tuple[GraphArrays, ...], n_classes: int) -> LayoutVerifier:
+    """The verifier of a database of all places of all maps."""
+    return LayoutVerifier(maps, [np.arange(graph.n_places) for graph in maps], n_classes)
+
+
+def any_frame(rng: np.random.Generator) -> Frame:
+    """A frame of its own, as another run's would be: turned about gravity and shifted."""
+    angle = float(rng.uniform(0.0, 2 * np.pi))
+    x, y = rng.uniform(-50.0, 50.0, 2).tolist()
+    return Frame(angle, (x, y, float(rng.uniform(-3.0, 3.0))))
+
+
+def written_in(frame: Frame, graph: GraphArrays) -> GraphArrays:
+    """The same building in another frame."""
+    return replace(
+        graph,
+        place_positions=frame.of(graph.place_positions),
+        object_positions=frame.of(graph.object_positions),
+    )
+
+
+def turned(graph: GraphArrays, rng: np.random.Generator) -> GraphArrays:
+    """The same building in a frame of its own (`any_frame`)."""
+    return written_in(any_frame(rng), graph)
+
+
+def fragments_along(walk: Walk, steps: Ints, verifier: LayoutVerifier, rng: np.random.Generator) -> list[Fragment]:
+    """What is around the robot at some steps of a walk, in a frame of the walk's own."""
+    frame, found = any_frame(rng), []
+    for step in steps.tolist():
+        part, place = walk.part(step)
+        found.append(
+            fragment_of_arrays(written_in(frame, part), place, verifier.config, walk.ages(step), walk.drift(step))
+        )
+    return found
+
+
+def reranked(
+    verifier: LayoutVerifier,
+    fragments: list[Fragment],
+    similarity: Similarities,
+    only: Bools | None = None,
+    chances: Floats | None = None,
+    places: list[Placed | None] | None = None,
+) -> Ints:
+    """(Q, N) answers, the verified ones first, then the most similar; N is what `metrics.RANKS` asks for.
+
+    Args:
+        verifier: of the M places of the database.
+        fragments: Q.
+        similarity: (Q, M) float32.
+        only: (M,) the places that the robot can be at; None for all.
+        chances: (Q,) where to put the probability of the best answer.
+        places: where to put where the robot's frame lies by the best answer.
+
+    """
+    if only is not None:
+        similarity = np.where(only, similarity, np.float32(-2))
+    n = max(metrics.RANKS)
+    best = metrics.top(similarity, 2 * n)
+    answers = best[:, :n].copy()
+    for q, fragment in enumerate(fragments):
+        found = verifier.verify(fragment, similarity[q], only)
+        if chances is not None:
+            chances[q] = 0.0
+        placing: Placed | None = None
+        if found is not None:
+            sure = confidence(found, fragment, verifier.mapped)
+            if chances is not None:
+                chances[q] = sure.probability.max()
+            rest = best[q][~np.isin(best[q], found.rows)]
+            rows = np.concatenate([found.rows[sure.order], rest])
+            said = sure.answers.probability(verifier.mapped, rows)
+            chosen = rows[np.argsort(-said, kind="stable")[: answers.shape[1]]]
+            answers[q, : len(chosen)] = chosen
+            if places is not None:
+                best_row = int(chosen[0])
+                placing = placed(verifier.mapped, fragment, found, chosen.tolist()).get(best_row)
+        if places is not None:
+            places.append(placing)
+    return answers
+
+
+def add_error(errors: PoseErrors, placing: Placed | None, fragment: Fragment, truth: Floats, yaw: float) -> None:
+    """Count the error of a fragment's place, which truly is at (3,) ``truth``, metres, its frame turned by ``yaw``."""
+    if placing is not None:
+        errors.add(placing.of(fragment.origin) - truth, placing.yaw - yaw, placing.covariance)
+
+
+def sureness(verifier: LayoutVerifier, found: Verified, fragment: Fragment) -> float:
+    """P(the best place is within the match radius of the robot, and on its storey)."""
+    return float(confidence(found, fragment, verifier.mapped).probability.max())
+
+
+def verified_evidence(
+    places: MapModel,
+    verifier: LayoutVerifier,
+    fragments: list[Fragment],
+    similarity: Similarities,
+    evidence: Similarities,
+) -> Similarities:
+    """(T, M) the filter's evidence (T, M) after each step's fragment was verified."""
+    rows = []
+    for step, fragment in enumerate(fragments):
+        found = verifier.verify(fragment, similarity[step])
+        if found is None:
+            rows.append(evidence[step])
+        else:
+            rows.append(places.tested(evidence[step], found.rows, found.score.astype(np.float32), SHARPNESS))
+    return np.stack(rows)

@@ -1,0 +1,1 @@
+"""Explainers: one a file, each a function from a query to object scores; by name in `by_name`."""

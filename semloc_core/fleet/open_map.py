@@ -1,0 +1,69 @@
+"""From what a person calls a map, a file or an address, to a localiser in it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from semloc_core.config import LocaliserConfig
+from semloc_core.errors import MapUnavailableError
+from semloc_core.fleet.milvus.address import is_address, parse_address
+from semloc_core.fleet.narrowing import ShortlistConfig
+from semloc_core.localiser import Localiser
+from semloc_core.map_database import load
+
+
+def open_localiser(
+    map_: str,
+    config: LocaliserConfig | None = None,
+    *,
+    wait: bool = False,
+    patience_s: float = math.inf,
+    outage_s: float = 0.0,
+) -> Localiser:
+    """A localiser in a map.
+
+    Args:
+        map_: path of a map file, or ``milvus+http://host:port/name``. A file of more places than `ShortlistConfig`
+            lets one answer look at is narrowed to a few buildings at every answer, as a map on a server is.
+        config: options.
+        wait: a server that is not there yet is waited for: until it is, there is no map, and no answer.
+        patience_s: how long one answer may fetch buildings from a server, see `FleetLocaliser`.
+
+        outage_s: how long an update waits for a server that has stopped answering before it raises MapUnavailableError;
+            0: it does not wait, and its answer is ``no_graph``.
+
+    Raises:
+        MapError: no map, a damaged one, or one without the buildings asked for.
+        MapUnavailableError: its server does not answer, and ``wait`` is false.
+
+    """
+    config = config or LocaliserConfig()
+    if not is_address(map_):
+        loaded = load(map_)
+        asked_for = loaded.narrowed(config.buildings)
+        if asked_for.n_places <= ShortlistConfig().places:
+            return Localiser(asked_for, config)
+        from semloc_core.fleet.large_file import LargeMapLocaliser
+
+        return LargeMapLocaliser.of(loaded, config)
+    address = parse_address(map_)
+    from semloc_core.fleet.link import Link
+    from semloc_core.fleet.localiser import FleetLocaliser
+    from semloc_core.fleet.milvus.source import MilvusSource
+
+    source = MilvusSource(address, config.server_timeout_s, config.server_poll_s)
+    link = Link(source, np.random.default_rng())
+    localiser = FleetLocaliser(link, config, patience_s=patience_s)
+    try:
+        localiser.refresh()
+    except MapUnavailableError:
+        if not wait:
+            localiser.close()
+            raise
+    except BaseException:
+        localiser.close()
+        raise
+    link.outage_s = outage_s  # from here on: a wrong address is told at once
+    return localiser

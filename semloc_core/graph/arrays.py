@@ -1,0 +1,176 @@
+"""A scene graph frozen into arrays: what training, map building and evaluation work on.
+
+The online graph (`semloc_core.graph.scene_graph`) is dictionaries that change a little at a time; this is its snapshot,
+in canonical order (ids sorted as strings), so that the same graph always gives the same arrays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semloc_core.graph.geodesic import edge_lengths
+from semloc_core.graph.labels.labelspace import Labelspace
+from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.graph.storeys import storeys
+from semloc_core.text import short_repr
+from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@short_repr
+@dataclass(frozen=True, eq=False)
+class GraphArrays:
+    """One building.
+
+    Args:
+        name: the building's name.
+        place_ids: P ids.
+        place_positions: (P, 3) float64, metres.
+        place_edges: (2, E) int64, each traversability edge once, first row < second row.
+        object_ids: O ids.
+        object_positions: (O, 3) float64, metres.
+        object_classes: (O,) int64, index into the labelspace; -1 is a class the labelspace does not have.
+        object_parents: (2, K) int64, object index over place index, one column for each object–place edge.
+        sightings: (2, S) int64, place index over object index; an object that is here is seen from these only.
+
+    """
+
+    name: str
+    place_ids: tuple[str, ...]
+    place_positions: Floats
+    place_edges: Ints
+    object_ids: tuple[str, ...]
+    object_positions: Floats
+    object_classes: Ints
+    object_parents: Ints
+    sightings: Ints
+
+    def __post_init__(self) -> None:
+        p, o = self.n_places, self.n_objects
+        for array, shape, dtype in (
+            (self.place_positions, (p, 3), np.float64),
+            (self.object_positions, (o, 3), np.float64),
+            (self.object_classes, (o,), np.int64),
+        ):
+            assert array.shape == shape, (array.shape, shape)
+            assert array.dtype == dtype, array.dtype
+        for links in (self.place_edges, self.object_parents, self.sightings):
+            assert links.ndim == 2, links.shape
+            assert links.shape[0] == 2, links.shape
+            assert links.dtype == np.int64, links.dtype
+
+    @property
+    def n_places(self) -> int:
+        """P."""
+        return len(self.place_ids)
+
+    @property
+    def n_objects(self) -> int:
+        """O."""
+        return len(self.object_ids)
+
+    @cached_property
+    def storeys(self) -> Ints:
+        """(P,) the storey of each place (`semloc_core.graph.storeys.storeys`)."""
+        return storeys(self.place_positions, self.place_edges)
+
+    def edge_lengths(self) -> Floats:
+        """(E,) Euclidean lengths of the traversability edges, metres; the same bits as in a `SceneGraph`."""
+        return edge_lengths(self.place_positions, self.place_edges)
+
+    def with_objects(self, keep: NDArray[np.bool_]) -> GraphArrays:
+        """The same building with only the objects where ``keep`` (O,) bool is true."""
+        new_index = np.cumsum(keep) - 1
+        parents = self.object_parents[:, keep[self.object_parents[0]]]
+        sightings = self.sightings[:, keep[self.sightings[1]]]
+        return replace(
+            self,
+            object_ids=tuple(i for i, k in zip(self.object_ids, keep, strict=True) if k),
+            object_positions=self.object_positions[keep],
+            object_classes=self.object_classes[keep],
+            object_parents=np.stack([new_index[parents[0]], parents[1]]).astype(np.int64),
+            sightings=np.stack([sightings[0], new_index[sightings[1]]]).astype(np.int64),
+        )
+
+    @classmethod
+    def from_scene_graph(cls, graph: SceneGraph, labelspace: Labelspace, name: str = "") -> GraphArrays:
+        """Freeze a scene graph.
+
+        Args:
+            graph: the online graph; it may change afterwards.
+            labelspace: gives class indices; objects of a class that it lacks get -1.
+            name: the building's name.
+
+        """
+        place_ids = tuple(sorted(graph.places))
+        object_ids = tuple(sorted(graph.objects))
+        p_index = {p: i for i, p in enumerate(place_ids)}
+        o_index = {o: i for i, o in enumerate(object_ids)}
+        edges = sorted(
+            (p_index[a], p_index[b]) for a, row in graph.neighbours.items() for b in row if p_index[a] < p_index[b]
+        )
+        parents = sorted((o_index[o], p_index[p]) for o, places in graph.parents.items() for p in places)
+        sightings = sorted((p_index[p], o_index[o]) for o, places in graph.sightings.items() for p in places)
+        return cls(
+            name=name,
+            place_ids=place_ids,
+            place_positions=_rows([graph.places[p] for p in place_ids]),
+            place_edges=_columns(edges),
+            object_ids=object_ids,
+            object_positions=_rows([graph.objects[o].position for o in object_ids]),
+            object_classes=np.array([labelspace.index(graph.objects[o].class_) for o in object_ids], dtype=np.int64),
+            object_parents=_columns(parents),
+            sightings=_columns(sightings),
+        )
+
+    def to_scene_graph(self, labelspace: Labelspace) -> SceneGraph:
+        """The same building as an online graph, to be fed as a stream or queried place by place.
+
+        Args:
+            labelspace: the one the arrays were made with. Objects of class -1 get a name that it does not have.
+                Sizes of objects are not known here, and None.
+
+        """
+        unknown = "unknown"
+        while labelspace.index(unknown) >= 0:
+            unknown += "?"
+        names = (*labelspace.classes, unknown)  # index -1 is the last
+        places, objects = self.place_ids, self.object_ids
+        edges = [(places[a], places[b]) for a, b in self.place_edges.T.tolist()]
+        links = [(places[p], objects[o]) for o, p in self.object_parents.T.tolist()]
+        return SceneGraph.from_update(
+            SceneGraphUpdate(
+                schema="semloc/scene_graph_update/1",
+                stamp_ns=0,
+                frame_id="",
+                seq=0,
+                full=True,
+                places=[Place(i, _point(x)) for i, x in zip(places, self.place_positions, strict=True)],
+                objects=[
+                    Object(i, names[c], _point(x))
+                    for i, c, x in zip(objects, self.object_classes.tolist(), self.object_positions, strict=True)
+                ],
+                edges=edges + links,
+                query_place=None,
+                sightings=[(places[p], objects[o]) for p, o in self.sightings.T.tolist()],
+            )
+        )
+
+
+def _point(row: Floats) -> Position:
+    x, y, z = row.tolist()
+    return x, y, z
+
+
+def _rows(points: list[tuple[float, float, float]]) -> Floats:
+    return np.array(points, dtype=np.float64).reshape(-1, 3)
+
+
+def _columns(pairs: list[tuple[int, int]]) -> Ints:
+    return np.ascontiguousarray(np.array(pairs, dtype=np.int64).reshape(-1, 2).T)

@@ -1,0 +1,255 @@
+"""What labels mean: the one place that turns the labels of a file, a run or a stream into classes.
+
+Whoever says something of a label is heard in this order: the person (``--synonyms``, ``--labelspace``), the file (its
+names), the map or model (its names, their synonyms, and its numbers for labels without a name). Every command, the
+localiser, the bridge and the player read labels through a `Reading`, and say in a line what it had to decide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from semloc_core.graph.labels.files import shipped_labelspaces
+from semloc_core.graph.labels.labelspace import (
+    Labelspace,
+    folded,
+    is_nameless,
+    listed,
+    load_labelspace,
+    load_synonyms,
+    number_of,
+    placeholder,
+    union,
+)
+from semloc_core.text import short_repr
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from semloc_core.graph.scene_graph import SceneGraph
+    from semloc_core.wire import Object, SceneGraphUpdate
+
+NAMED = 12
+"""Labels named at most in a line."""
+
+
+@short_repr
+@dataclass(frozen=True)
+class Reading:
+    """What is said of labels, but for what the file itself says.
+
+    Args:
+        said: the labelspace that a person names.
+        synonyms: what a person joins: a name, or ``class_7`` for number 7 -> a class.
+        known: the labelspace of the map or model.
+        topic, robot: which updates of a run are meant; None: what `semloc_core.sources.run.Run` finds by itself.
+        shipped: ``said`` is one that semloc ships: it was not written for the file at hand. Its numbers overrule the
+            file's names only where its numbering is the file's, as far as names that both have tell.
+
+    Raises:
+        LabelspaceError: a synonym of a class that the map or model does not have.
+
+    """
+
+    said: Labelspace | None = None
+    synonyms: Mapping[str, str] = field(default_factory=dict)
+    known: Labelspace | None = None
+    shipped: bool = False
+    topic: str | None = None
+    robot: str | None = None
+
+    @classmethod
+    def of(
+        cls,
+        labelspace: str | None,
+        synonyms: str | Path | None,
+        known: Labelspace | None = None,
+        topic: str | None = None,
+        robot: str | None = None,
+    ) -> Reading:
+        """What a person says by ``--labelspace``, ``--synonyms``, ``--topic`` and ``--robot``.
+
+        Raises:
+            LabelspaceError: no such labelspace, a file that is not right, or a synonym of a class that is not known.
+
+        """
+        said = load_labelspace(labelspace) if labelspace is not None else None
+        joined = load_synonyms(synonyms) if synonyms is not None else {}
+        found = cls(said, joined, shipped=labelspace in shipped_labelspaces(), topic=topic, robot=robot)
+        return found if known is None else found.with_known(known)
+
+    def with_known(self, known: Labelspace) -> Reading:
+        """The same for a map or model of this labelspace."""
+        found = replace(self, known=known)
+        _ = found.space  # a synonym of no class is refused at once
+        return found
+
+    @cached_property
+    def space(self) -> Labelspace | None:
+        """The labelspace of the map or model as it is after all that the person said; of the same hash."""
+        space = self.known
+        if space is not None and self.said is not None:
+            if self.said.ids:
+                space = space.with_ids_of(self.said)
+            its = self.said.synonyms.items()
+            space = space.with_synonyms({o: n for o, n in its if space.index(o) < 0 <= space.index(n)})
+        return space.with_synonyms(self.synonyms) if space is not None else None
+
+    def classes_of(self, files: Sequence[Labelspace]) -> Labelspace:
+        """The classes to work in: the model's, those that the person names, else all that the files have.
+
+        Args:
+            files: each file's own labelspace.
+
+        """
+        if self.space is not None:
+            return self.space
+        if self.said is not None:
+            return self.said.with_synonyms({o: n for o, n in self.synonyms.items() if self.said.index(n) >= 0})
+        if not self.synonyms:
+            return union(files)
+        spelt = {folded(name): name for name in reversed(list(self.synonyms.values()))}
+        own = Labelspace("synonyms", tuple(spelt.values()))
+        return union([*files, own.with_synonyms(self.synonyms)])
+
+    @cached_property
+    def _joined(self) -> dict[str, str]:
+        return {folded(other): name for other, name in self.synonyms.items()}
+
+    def labels(self, names: Mapping[int, str] | None = None) -> Labels:
+        """A reader of one file's labels.
+
+        Args:
+            names: the file's own names of numbers, where it has any.
+
+        """
+        return Labels(self, names or {})
+
+
+class Labels:
+    """Reads the labels of one file, run or stream, and keeps what it had to decide; see `Reading`."""
+
+    def __init__(self, reading: Reading, names: Mapping[int, str]) -> None:
+        self.reading, self._names = reading, names
+        said = reading.said
+        self._overrules = said is not None and not (reading.shipped and _of_another_numbering(said, names))
+        self._guessed: dict[int, str] = {}
+        self._overruled: dict[str, str] = {}
+        self._kept = False
+
+    def number(self, number: int, own: str | None = None) -> str:
+        """The class of an integer label; ``own`` is the name that the file gives it at one object, else as always."""
+        own = own or self._names.get(number, "")
+        if own.strip() and number_of(own) != number:
+            return self._read(own, number, named=True)
+        return self._read(placeholder(number), number, named=False)
+
+    def name(self, label: str) -> str:
+        """The class of a label that is a name, or a number in place of one."""
+        number = number_of(label)
+        known = self.reading.known
+        if number is not None and known is not None and label in known.classes:
+            return self._read(label, number, named=True)
+        return self._read(label, number, named=number is None)
+
+    def _read(self, label: str, number: int | None, named: bool) -> str:
+        reading, space = self.reading, self.reading.space
+        joined, said = reading._joined, reading.said
+        name = joined.get(folded(label))
+        if name is None and number is not None:
+            name = joined.get(folded(placeholder(number)))
+        if name is None and said is not None and number is not None and (of_number := said.name_of(number)) is not None:
+            if not named or self._overrules:
+                name = of_number
+                if named and folded(said.canonical(label)) != folded(name):
+                    self._overruled[f"{number} {label}"] = name if space is None else space.canonical(name)
+            elif folded(said.canonical(label)) != folded(of_number):
+                self._kept = True
+        if name is None:
+            name = said.canonical(label) if said is not None else label
+        name = joined.get(folded(name), name)
+        if space is None:
+            return name
+        found = space.canonical(name)
+        if not named and number is not None and name == label and found != label:
+            self._guessed[number] = found
+        return found
+
+    def graph(self, graph: SceneGraph) -> SceneGraph:
+        """A graph with its objects' labels read; the graph itself where none is read otherwise."""
+        things = self._things(graph.objects.values())
+        return graph if things is None else replace(graph, objects={thing.id: thing for thing in things})
+
+    def update(self, update: SceneGraphUpdate) -> SceneGraphUpdate:
+        """An update with its objects' labels read; the update itself where none is read otherwise."""
+        things = self._things(update.objects)
+        return update if things is None else msgspec.structs.replace(update, objects=things)
+
+    def _things(self, things: Collection[Object]) -> list[Object] | None:
+        names = [self.name(thing.class_) for thing in things]
+        if all(name == thing.class_ for name, thing in zip(names, things, strict=True)):
+            return None
+        return [msgspec.structs.replace(t, class_=name) for name, t in zip(names, things, strict=True)]
+
+    def told(self) -> list[str]:
+        """A line for each thing that had to be decided; none where the labels themselves said all."""
+        lines, space, said = [], self.reading.space, self.reading.said
+        news = [f"{number} {name}" for number, name in sorted(self._guessed.items()) if number_of(name) is None]
+        if news and space is not None:
+            lines.append(f"class numbers without names, read as labelspace {space.name} has them: {_few(news)}")
+        if self._overruled and said is not None:
+            pairs = [f"{own} → {name}" for own, name in sorted(self._overruled.items())]
+            lines.append(f"--labelspace {said.name} overrules the file's own names: {_few(pairs)}")
+        if self._kept and said is not None:
+            lines.append(f"the file's own class names are kept, since labelspace {said.name} numbers them otherwise")
+        return lines
+
+
+def read_graph(graph: SceneGraph, space: Labelspace) -> SceneGraph:
+    """A graph by the names of a map's labelspace: for one that was written before its names were read."""
+    return Reading(known=space).labels().graph(graph)
+
+
+def all_unknown(classes: Iterable[str], space: Labelspace) -> str | None:
+    """Why a graph says nothing to a map, where not one object is of a class that the map knows; else None.
+
+    Args:
+        classes: of its objects.
+        space: the map's.
+
+    """
+    counts: dict[str, int] = {}
+    for name in classes:
+        if space.index(name) >= 0:
+            return None
+        counts[name] = counts.get(name, 0) + 1
+    if not counts:
+        return None
+    if all(is_nameless(name) for name in counts):
+        return "the classes of all objects are unknown"
+    return f"all objects are of classes that the map does not know: {listed(counts)}"
+
+
+def advice(names: Iterable[str]) -> str:
+    """The option that helps with classes that a map or model does not know: every command that reads labels has it."""
+    if all(number_of(name) is not None for name in names):
+        return "--labelspace says which classes these numbers are"
+    return "--synonyms joins names to the map's"
+
+
+def _of_another_numbering(said: Labelspace, names: Mapping[int, str]) -> bool:
+    """Whether most of the names that a file shares with a labelspace stand at other numbers there."""
+    shared = [
+        (i, said.canonical(name)) for i, name in names.items() if number_of(name) is None and said.index(name) >= 0
+    ]
+    return sum(said.name_of(i) != name for i, name in shared) > len(shared) / 2
+
+
+def _few(words: list[str]) -> str:
+    more = f" and {len(words) - NAMED} more" if len(words) > NAMED else ""
+    return ", ".join(words[:NAMED]) + more

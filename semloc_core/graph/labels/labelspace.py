@@ -1,0 +1,407 @@
+"""Semantic classes: their names, the ids a file gives them, their mobility; and the content hash that binds a map."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import math
+import re
+import unicodedata
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from semloc_core.errors import LabelspaceError
+from semloc_core.graph.labels.files import read_labelspace_file, read_synonyms_file, shipped_path
+from semloc_core.graph.labels.files import shipped_labelspaces as shipped_labelspaces
+from semloc_core.text import short_repr
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from semloc_core.graph.scene_graph import SceneGraph
+
+LARGEST_ID = 2**32 - 1  # Hydra's semantic_label is an unsigned 32-bit integer
+NAMELESS = "unknown"
+"""Reserved: an object whose position is known and whose class is not. No class of any file, and no class it lacks."""
+_JOINTS = re.compile(r"[\s_\-\u2010-\u2015\u2212]+")
+_NUMBER = re.compile(r"(?:class)?([0-9]{1,10})")
+_LONGEST = 200
+_REMEMBERED = 4096
+
+logger = logging.getLogger(__name__)
+
+
+def folded(name: str) -> str:
+    """What is left of a name without case, spaces, hyphens and underscores: names that agree in it are one name."""
+    if len(name) > _LONGEST:  # nobody's class: not worth the time
+        return name
+    return unicodedata.normalize("NFKC", _JOINTS.sub("", unicodedata.normalize("NFKC", name).casefold())) or name
+
+
+def placeholder(number: int) -> str:
+    """What a class number without a name is called."""
+    return f"class_{number}"
+
+
+def number_of(name: str) -> int | None:
+    """The number that stands in place of a name, as ``class_7`` or ``7``; None for a name."""
+    found = _NUMBER.fullmatch(folded(name))
+    return int(found[1]) if found is not None and int(found[1]) <= LARGEST_ID else None
+
+
+def is_nameless(name: str) -> bool:
+    """Whether this is the reserved name of objects whose class is not known."""
+    return folded(name) == NAMELESS
+
+
+@short_repr
+@dataclass(frozen=True)
+class Labelspace:
+    """An ordered set of class names.
+
+    Names that differ in case, spaces, hyphens and underscores only are one name (`folded`). Of classes that do so all
+    the same, as in a model that was trained on them, each is meant by its own spelling, and the first by any other.
+
+    Args:
+        name: what people call it, e.g. ``uhumans2_office``; not part of the hash.
+        classes: class names; the position in this tuple is the class index of every tensor.
+        ids: class name -> the integer labels that mean it in a Hydra file (one name may have several).
+        mobility: class name -> standard deviation in metres of where an instance is found on another day;
+            a class that is not named has ``default_mobility``.
+        synonyms: another detector's name -> a name in ``classes``; wins over a class of that name, and
+            ``class_7`` over the class of id 7.
+        default_mobility: metres.
+
+    Raises:
+        LabelspaceError: an empty or repeated class name; ids, mobility or a synonym of a class that is not there;
+            an id of two classes; a mobility that is negative or not finite; an empty synonym.
+
+    """
+
+    name: str
+    classes: tuple[str, ...]
+    ids: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    mobility: Mapping[str, float] = field(default_factory=dict)
+    synonyms: Mapping[str, str] = field(default_factory=dict)
+    default_mobility: float = 0.1
+
+    def __post_init__(self) -> None:
+        if problem := _problem(self):
+            raise LabelspaceError(f"{problem} in labelspace {self.name!r}")
+
+    @cached_property
+    def _index(self) -> dict[str, int]:
+        index = {name: i for i, name in enumerate(self.classes)}
+        return index | {other: index[name] for other, name in self.synonyms.items()}
+
+    @cached_property
+    def _variants(self) -> dict[str, int]:
+        """Class index by `folded` name."""
+        found: dict[str, int] = {}
+        for name in (*self.classes, *self.synonyms):
+            found.setdefault(folded(name), self._index[name])
+        return found
+
+    @cached_property
+    def _remembered(self) -> dict[str, int]:
+        """What `index` found for names that are spelt otherwise; so many at most."""
+        return {}
+
+    @cached_property
+    def _name_of_id(self) -> dict[int, str]:
+        named = {number: name for name, numbers in self.ids.items() for number in numbers}
+        said = {number_of(other): name for other, name in self.synonyms.items()}
+        return named | {number: name for number, name in said.items() if number is not None}
+
+    def __len__(self) -> int:
+        return len(self.classes)
+
+    def index(self, name: str) -> int:
+        """Class index of a name, a synonym or a number in place of a name; -1 where the labelspace has it not."""
+        found = self._index.get(name)
+        if found is None and (found := self._remembered.get(name)) is None:
+            found = self._variants.get(folded(name), -1)
+            if found < 0 and (number := number_of(name)) is not None and (named := self.name_of(number)) is not None:
+                found = self._index[named]
+            if len(name) <= _LONGEST and len(self._remembered) < _REMEMBERED:
+                self._remembered[name] = found
+        return found
+
+    def canonical(self, name: str) -> str:
+        """The labelspace's own name of a class; a name that it does not have as it is."""
+        found = self.index(name)
+        return self.classes[found] if found >= 0 else name
+
+    def name_of(self, label: int) -> str | None:
+        """Class name of an integer label, or None where the labelspace does not have it."""
+        return self._name_of_id.get(label)
+
+    def mobility_of(self, name: str) -> float:
+        """Displacement's standard deviation of a class, in metres."""
+        return self.mobility.get(name, self.default_mobility)
+
+    @cached_property
+    def hash(self) -> str:
+        """sha256 (hex) of what changes the meaning of an embedding: the class names in order.
+
+        Ids and synonyms are not in it: they say how a file's or a detector's labels become these names, so that a
+        robot with another detector can use the map. Nor is mobility: it acts in training only, and the model that
+        was trained has a hash of its own.
+        """
+        return hashlib.sha256(json.dumps(list(self.classes)).encode()).hexdigest()
+
+    def with_synonyms(self, synonyms: Mapping[str, str]) -> Labelspace:
+        """The same labelspace, which also knows another detector's names; its hash does not change.
+
+        Args:
+            synonyms: the detector's name -> a class of this labelspace. They win over what the name meant before, as
+                a synonym, a class, or a number.
+
+        Raises:
+            LabelspaceError: a synonym points to no class, or to one that is joined to another.
+
+        """
+        said: dict[str, str] = {}
+        for other, name in synonyms.items():
+            if self.index(name) < 0:
+                raise LabelspaceError(f"expected a synonym of a class of {self.name} (got {name!r} for {other!r})")
+            said[other] = self.canonical(name)
+        meant = {folded(other): name for other, name in said.items()}
+        for other, name in said.items():
+            if meant.get(folded(name), name) != name:
+                raise LabelspaceError(
+                    f"expected synonyms of classes that mean themselves (got {other!r} for {name!r}, which is joined "
+                    f"to {meant[folded(name)]!r})"
+                )
+        kept = {other: name for other, name in self.synonyms.items() if folded(other) not in meant}
+        spelt = {name: meant[key] for name in self.classes if (key := folded(name)) in meant and name != meant[key]}
+        return replace(self, synonyms={**kept, **spelt, **said})
+
+    def with_ids_of(self, other: Labelspace) -> Labelspace:
+        """The same classes, for files whose integer labels mean what another labelspace says; same hash.
+
+        An id of a class that this labelspace lacks means nothing here, whatever it meant before.
+        """
+        ids: dict[str, tuple[int, ...]] = {}
+        for name, numbers in other.ids.items():
+            if (index := self.index(name)) >= 0:
+                ids[self.classes[index]] = (*ids.get(self.classes[index], ()), *numbers)
+        return replace(self, ids=ids)
+
+
+def _problem(space: Labelspace) -> str | None:
+    for name, times in Counter(space.classes).items():
+        if times > 1 or not name:
+            return f"expected each class once, with a name (got {name!r} {times} times)"
+    known = set(space.classes)
+    for what, names in (
+        ("ids", space.ids),
+        ("mobility", space.mobility),
+        ("a synonym", space.synonyms.values()),
+    ):
+        for name in names:
+            if name not in known:
+                return f"expected {what} of a class (got {name!r}, which is none)"
+    owner: dict[int, str] = {}
+    for name, numbers in space.ids.items():
+        for number in numbers:
+            if not 0 <= number <= LARGEST_ID:
+                return f"expected ids of 32 bits (got {number} of {name!r})"
+            if number in owner:
+                return f"expected each id once (got {number} of {owner[number]!r} and {name!r})"
+            owner[number] = name
+    for name, metres in [*space.mobility.items(), ("any class", space.default_mobility)]:
+        if not (math.isfinite(metres) and metres >= 0):
+            return f"expected a mobility of at least 0 m (got {metres} for {name!r})"
+    if "" in space.synonyms:
+        return "expected synonyms with a name (got '')"
+    return None
+
+
+def load_labelspace(name_or_path: str | Path) -> Labelspace:
+    """A labelspace that semloc ships, by name, or one from a YAML file.
+
+    Args:
+        name_or_path: one of `shipped_labelspaces`, or the path of a file like these.
+
+    Raises:
+        LabelspaceError: neither, or the file is not right; names the file.
+
+    """
+    path = shipped_path(str(name_or_path))
+    content = read_labelspace_file(path)
+    try:
+        whole = Labelspace(
+            name=content.name,
+            classes=tuple(row.name for row in content.classes),
+            ids={row.name: tuple(row.ids) for row in content.classes if row.ids},
+            mobility={row.name: row.mobility for row in content.classes if row.mobility is not None},
+            synonyms={_spelt(other): name for other, name in content.synonyms.items()},
+            default_mobility=content.default_mobility,
+        )
+        if both := whole.synonyms.keys() & set(whole.classes):
+            raise LabelspaceError(f"expected synonyms that are not classes themselves (got {min(both)!r})")
+        return _as_one(whole, str(path))
+    except LabelspaceError as error:
+        raise LabelspaceError(f"{error} ({path})") from None
+
+
+def load_synonyms(path: str | Path) -> dict[str, str]:
+    """A synonym file (YAML, ``synonyms: {a detector's name, or a number: a map's class}``).
+
+    Raises:
+        LabelspaceError: the file can't be read or is not right, or one name is joined to two classes.
+
+    """
+    found: dict[str, str] = {}
+    meant: dict[str, str] = {}
+    for other, name in read_synonyms_file(path).items():
+        found[_spelt(other)] = name
+        if folded(meant.setdefault(folded(_spelt(other)), name)) != folded(name):
+            raise LabelspaceError(f"expected a synonym of one class (got {other!r} of several, in {path})")
+    return found
+
+
+def _spelt(other: str | int) -> str:
+    return placeholder(other) if isinstance(other, int) else other
+
+
+def _as_one(space: Labelspace, where: str) -> Labelspace:
+    """The labelspace with names that are one name joined to the first of them, which is said."""
+    together = Counter(folded(name) for name in space.classes)
+    twice = [name for name in space.classes if together[folded(name)] > 1]
+    if not twice:
+        return space
+    logger.warning("%s: class names that are one name become one class: %s", where, ", ".join(twice))
+    first: dict[str, str] = {}
+    ids: dict[str, tuple[int, ...]] = {}
+    mobility: dict[str, float] = {}
+    for name in space.classes:
+        target = first.setdefault(folded(name), name)
+        if name in space.ids:
+            ids[target] = (*ids.get(target, ()), *space.ids[name])
+        if name in space.mobility:
+            mobility[target] = max(space.mobility[name], mobility.get(target, 0.0))
+    synonyms = {other: first[folded(name)] for other, name in space.synonyms.items()}
+    return replace(space, classes=tuple(first.values()), ids=ids, mobility=mobility, synonyms=synonyms)
+
+
+def labelspace_from_hydra(name: str, names: Iterable[tuple[int, str]] | None, labels: Iterable[int]) -> Labelspace:
+    """The labelspace that a Hydra file brings along.
+
+    Args:
+        name: what to call it.
+        names: the file's (id, name) pairs, ``metadata.labelspaces._l2p0``; None where it has none.
+        labels: the ids that occur in the file; without ``names``, id 7 is called ``class_7``.
+
+    Returns:
+        Classes by rising id; a name that stands at several ids, in whatever spelling, has all of them, in that of the
+        first. A number of the file whose name is empty is called by its number; `NAMELESS` is no class.
+
+    Raises:
+        LabelspaceError: an id with two names.
+
+    """
+    found = set(labels)
+    if names is None:
+        pairs = [(i, placeholder(i)) for i in sorted(found)]
+    else:
+        given = [(i, spelling if spelling.strip() else placeholder(i)) for i, spelling in set(names)]
+        pairs = sorted(pair for pair in given if pair[0] in found or pair[1] != placeholder(pair[0]))
+    first: dict[str, str] = {}
+    ids: dict[str, tuple[int, ...]] = {}
+    for number, spelling in pairs:
+        if not is_nameless(spelling):
+            class_name = first.setdefault(folded(spelling), spelling)
+            ids[class_name] = (*ids.get(class_name, ()), number)
+    return Labelspace(name=name, classes=tuple(ids), ids=ids)
+
+
+def union(spaces: Sequence[Labelspace], name: str = "union") -> Labelspace:
+    """One labelspace that has the classes of several, whatever order they come in.
+
+    A class that is another's synonym is joined to it. Labelspaces with the same classes keep their order; else
+    the classes are sorted by name. An id that means different classes is left out: files that use it name their
+    classes themselves. Of two mobilities the larger is taken.
+
+    Args:
+        spaces: at least one.
+        name: of the result.
+
+    Raises:
+        LabelspaceError: no labelspace, or a synonym that means two classes.
+
+    """
+    if not spaces:
+        raise LabelspaceError("expected at least one labelspace (got none)")
+    spelling: dict[str, str] = {}
+    same = all(space.classes == spaces[0].classes for space in spaces)
+    for class_name in spaces[0].classes if same else sorted({c for space in spaces for c in space.classes}):
+        spelling.setdefault(folded(class_name), class_name)
+    targets: dict[str, set[str]] = {}
+    for space in spaces:
+        for other, target in space.synonyms.items():
+            targets.setdefault(other, set()).add(target if same else spelling[folded(target)])
+    synonyms: dict[str, str] = {}
+    for other in sorted(targets):
+        if len(targets[other]) > 1 or targets[other] & targets.keys():
+            raise LabelspaceError(f"expected a synonym of one class (got {other!r} for {sorted(targets[other])})")
+        (synonyms[other],) = targets[other]
+    joined = {folded(other): target for other, target in synonyms.items()}
+
+    def own(class_name: str) -> str:
+        """The result's name of a class of a space: as spelt there where the spaces are alike."""
+        return synonyms.get(class_name) or (
+            class_name if same else joined.get(folded(class_name)) or spelling[folded(class_name)]
+        )
+
+    classes = dict.fromkeys(own(c) for space in spaces for c in space.classes)
+    if not same:
+        classes = dict.fromkeys(sorted(classes))
+    owners: dict[int, set[str]] = {}
+    for space in spaces:
+        for class_name, numbers in space.ids.items():
+            for number in numbers:
+                owners.setdefault(number, set()).add(own(class_name))
+    ids: dict[str, tuple[int, ...]] = {}
+    for number in sorted(owners):
+        if len(owners[number]) == 1:
+            (class_name,) = owners[number]
+            ids[class_name] = (*ids.get(class_name, ()), number)
+    mobility: dict[str, float] = {}
+    for space in spaces:
+        for class_name, metres in space.mobility.items():
+            target = own(class_name)
+            mobility[target] = max(metres, mobility.get(target, 0.0))
+    return Labelspace(name, tuple(classes), ids, mobility, synonyms, max(space.default_mobility for space in spaces))
+
+
+def count_unknown(graph: SceneGraph, labelspace: Labelspace) -> dict[str, int]:
+    """How many objects of each class the labelspace does not have, most frequent first.
+
+    Such objects stay in the graph but say nothing to an encoder: whoever embeds a graph reports these. Those that
+    have no name (`NAMELESS`) are of no class.
+    """
+    counts = Counter(thing.class_ for thing in graph.objects.values() if lacks(labelspace, thing.class_))
+    return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
+
+
+def lacks(labelspace: Labelspace, name: str) -> bool:
+    """Whether this is a class, and one that the labelspace does not have."""
+    return labelspace.index(name) < 0 and not is_nameless(name)
+
+
+def all_numbers(names: Iterable[str]) -> bool:
+    """Whether these are numbers for want of names, as `labelspace_from_hydra` calls the classes of such a file."""
+    return all(number_of(name) is not None for name in names)
+
+
+def listed(counts: Mapping[str, int], most: int = 8) -> str:
+    """``chair (4), couch (2)`` of objects by class, the most frequent first; beyond ``most`` classes how many more."""
+    rows = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    named = ", ".join(f"{name} ({count})" for name, count in rows[:most])
+    return named + (f" and {len(rows) - most} classes more" if len(rows) > most else "")

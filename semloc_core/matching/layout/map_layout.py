@@ -1,0 +1,86 @@
+"""A map's buildings side by side, laid out for verification."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semloc_core.graph import Floats, Ints, separate
+from semloc_core.matching.layout.building.free_space_cost import Rooms
+from semloc_core.matching.layout.building.layout import LayoutPart
+from semloc_core.matching.layout.building.objects_by_place import Around
+from semloc_core.matching.layout.config import LayoutConfig
+
+Ints32 = NDArray[np.int32]
+
+
+class MappedLayout:
+    """All buildings of a map.
+
+    Args:
+        parts: its buildings, in the order of the map's rows, all made for the same classes and options; not kept.
+        n_classes: C.
+        config: these options.
+
+    Attributes:
+        positions: (M, 3) the map's places, metres; each building in its own frame.
+        building: (M,) the number of each place's building.
+        storey: (M,) the number of each place's storey, counted through all buildings.
+        object_positions: (K, 3) objects of all buildings, metres.
+        object_classes: (K,) of these.
+        object_ids: K ids, each of its own building.
+        detected: (K,) probability that each object is there and is detected.
+        invented: (C,) objects invented, per m² and class.
+        odds: (K,) a seen object's odds of being this one, exactly where it is mapped, and not invented.
+        rooms: the free space of each building.
+        cells: (M,) numbers of the cells of `APART_M` that the places are in.
+        around: the objects around each place.
+
+    """
+
+    def __init__(self, parts: Sequence[LayoutPart], n_classes: int, config: LayoutConfig) -> None:
+        self.config, self.n_classes = config, n_classes
+        for building in parts:
+            assert building.n_classes == n_classes, (building.n_classes, n_classes)
+            assert building.config == config, (building.config, config)
+        none = np.zeros((0, 3))
+        # Column by column: they are read so.
+        self.positions: Floats = np.asfortranarray(np.concatenate([none, *(b.positions for b in parts)]))
+        self.building: Ints = np.repeat(np.arange(len(parts)), [len(b) for b in parts]).astype(np.int64)
+        self.storey = separate(self.building, np.concatenate([np.zeros(0, np.int64), *(b.storeys for b in parts)]))
+        self.object_positions: Floats = np.asfortranarray(np.concatenate([none, *(b.object_positions for b in parts)]))
+        self.object_classes: Ints = np.concatenate([np.zeros(0, np.int64), *(b.object_classes for b in parts)])
+        self.object_ids: tuple[str, ...] = tuple(id_ for b in parts for id_ in b.object_ids)
+        self.detected: Floats = np.concatenate([np.zeros(0), *(b.detected for b in parts)])
+        counts = np.bincount(self.object_classes, minlength=n_classes).astype(np.float64)
+        # A class that no map has can be invented too.
+        frequency = (counts / max(counts.sum(), 1.0) + 0.1 / n_classes) / 1.1
+        self.rooms = Rooms([b.room for b in parts])
+        self.around = Around.joined([b.around for b in parts], [len(b.object_positions) for b in parts])
+        self.invented: Floats = config.invented * frequency
+        self.cells: Ints = _numbered([b.cells for b in parts])
+        self.odds: Floats = self.detected / (2 * np.pi * config.spread_m**2) / self.invented[self.object_classes]
+
+    @property
+    def n_places(self) -> int:
+        """M."""
+        return len(self.positions)
+
+    def kinds(self, classes: Ints) -> tuple[Ints32, Ints32]:
+        """(n,) a small number for each of some classes, and (C,) the same number by class; -1 for all other classes."""
+        of_class = np.full(self.n_classes, -1, dtype=np.int32)
+        of_class[classes] = 0
+        found = np.flatnonzero(of_class == 0)
+        of_class[found] = np.arange(len(found))
+        return of_class[classes], of_class
+
+
+def _numbered(parts: Sequence[Ints]) -> Ints:
+    """Numbers of several buildings' cells, each building's after those of the last one."""
+    found, first = [np.zeros(0, dtype=np.int64)], 0
+    for cells in parts:
+        found.append(cells + first)
+        first += int(cells.max(initial=-1)) + 1
+    return np.concatenate(found)

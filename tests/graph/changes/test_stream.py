@@ -1,0 +1,83 @@
+"""Which updates are let in: a robot that misses one must not localise in a graph that never was."""
+
+import pytest
+
+from semloc_core.errors import GraphError
+from semloc_core.graph.changes.stream import Outcome, UpdateStream
+from semloc_core.wire.codec import Place, SceneGraphUpdate
+
+
+def update(seq: int, full: bool = False, place: str | None = None, edge: tuple[str, str] | None = None):
+    return SceneGraphUpdate(
+        schema="semloc/scene_graph_update/1",
+        stamp_ns=seq,
+        frame_id="odom",
+        seq=seq,
+        full=full,
+        places=[Place(id=place, position=(0.0, 0.0, 0.0))] if place else [],
+        objects=[],
+        edges=[edge] if edge else [],
+        query_place=None,
+    )
+
+
+def outcomes(*updates: SceneGraphUpdate) -> tuple[UpdateStream, list[Outcome]]:
+    stream = UpdateStream()
+    return stream, [stream.apply(u)[0] for u in updates]
+
+
+def test_a_delta_before_any_full_update_waits():
+    stream, seen = outcomes(update(3, place="a"))
+    assert seen == [Outcome.WAITING]
+    assert stream.graph is None
+
+
+def test_consecutive_deltas_are_applied():
+    stream, seen = outcomes(update(7, full=True, place="a"), update(8, place="b"), update(9, place="c"))
+    assert seen == [Outcome.APPLIED] * 3
+    assert stream.graph is not None
+    assert set(stream.graph.places) == {"a", "b", "c"}
+
+
+@pytest.mark.parametrize("seq", [5, 4, 0])
+def test_a_repeated_or_older_delta_is_dropped_and_counted(seq):
+    stream, seen = outcomes(update(5, full=True, place="a"), update(seq, place="b"), update(6, place="c"))
+    assert seen == [Outcome.APPLIED, Outcome.REPEATED, Outcome.APPLIED]
+    assert stream.graph is not None
+    assert set(stream.graph.places) == {"a", "c"}
+    assert stream.counts["repeated"] == 1
+
+
+def test_after_a_gap_there_is_no_graph_until_the_next_full_update():
+    stream, seen = outcomes(
+        update(0, full=True, place="a"), update(2, place="b"), update(3, place="c"), update(4, full=True, place="d")
+    )
+    assert seen == [Outcome.APPLIED, Outcome.GAP, Outcome.WAITING, Outcome.APPLIED]
+    assert stream.graph is not None
+    assert set(stream.graph.places) == {"d"}
+    assert stream.counts == {"applied": 2, "gap": 1, "waiting": 1}
+
+
+def test_a_full_update_restarts_the_count_even_backwards():
+    stream, seen = outcomes(update(100, full=True, place="a"), update(0, full=True, place="b"), update(1, place="c"))
+    assert seen == [Outcome.APPLIED] * 3
+    assert stream.graph is not None
+    assert set(stream.graph.places) == {"b", "c"}
+
+
+def test_a_rejected_update_changes_nothing_and_its_number_was_not_seen():
+    stream, _ = outcomes(update(0, full=True, place="a"))
+    with pytest.raises(GraphError):
+        stream.apply(update(1, place="b", edge=("b", "nowhere")))
+    assert stream.graph is not None
+    assert set(stream.graph.places) == {"a"}
+    assert stream.counts["rejected"] == 1
+    assert stream.apply(update(1, place="b"))[0] is Outcome.APPLIED
+
+
+def test_a_rejected_full_update_keeps_the_graph_before_it():
+    stream, _ = outcomes(update(0, full=True, place="a"))
+    with pytest.raises(GraphError):
+        stream.apply(update(1, full=True, place="b", edge=("b", "nowhere")))
+    assert stream.graph is not None
+    assert set(stream.graph.places) == {"a"}

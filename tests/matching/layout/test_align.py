@@ -1,0 +1,124 @@
+"""Alignment against poses that are known and likelihoods that can be written down."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from semloc_core.graph.arrays import GraphArrays
+from semloc_core.matching.layout import LayoutConfig, LayoutPart, MappedLayout, fragment_of_arrays
+from semloc_core.matching.layout.pose.align import align
+from semloc_core.matching.layout.pose.heading_vote import HEADINGS, best_poses, heading_scores
+
+CONFIG = LayoutConfig()
+NONE = np.zeros((2, 0), dtype=np.int64)
+
+
+def building(objects, classes, places):
+    objects, places = np.array(objects, dtype=float).reshape(-1, 3), np.array(places, dtype=float)
+    return GraphArrays(
+        "b",
+        tuple(f"p{i}" for i in range(len(places))),
+        places,
+        NONE,
+        tuple(f"o{i}" for i in range(len(objects))),
+        objects,
+        np.array(classes, dtype=np.int64),
+        NONE,
+        NONE,
+    )
+
+
+def layout(graph, n_classes=3):
+    return MappedLayout([LayoutPart(graph, np.arange(graph.n_places), n_classes)], n_classes, CONFIG)
+
+
+def turn(graph, angle, shift):
+    c, s = np.cos(angle), np.sin(angle)
+    matrix = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    return replace(
+        graph,
+        place_positions=graph.place_positions @ matrix + shift,
+        object_positions=graph.object_positions @ matrix + shift,
+    )
+
+
+def test_a_known_turn_and_shift_are_found(homes):
+    mapped = homes[0][0]
+    place = mapped.n_places // 2
+    moved = turn(mapped, 0.7, np.array([30.0, -8.0, 0.4]))
+    moved = replace(moved, place_positions=moved.place_positions + np.array([0.3, -0.2, 0.0]))  # beside the map's place
+    fitted = align(
+        layout(mapped, len(homes[2])), fragment_of_arrays(moved, place, CONFIG), np.array([place]), np.array([-0.6])
+    )
+    assert fitted.heading[0] == pytest.approx(-0.7, abs=0.01)
+    c, s = np.cos(-0.7), np.sin(-0.7)
+    np.testing.assert_allclose(fitted.shift[0], [c * 0.3 + s * 0.2, s * 0.3 - c * 0.2], atol=0.08)
+    assert (fitted.explained >= 0).all()
+    assert fitted.score[0] > 0.6 * fitted.explained.sum()
+
+
+def test_one_objects_share_is_the_likelihood_ratio_written_down():
+    """Nothing moves: object and map agree, so that the density is the Gaussian's at its middle."""
+    graph = building([[3.0, 0, 0]], [1], [[0, 0, 0], [1, 0, 0]])
+    mapped = layout(graph)
+    fitted = align(mapped, fragment_of_arrays(graph, 0, CONFIG), np.array([0]), np.array([0.0]))
+    peak = CONFIG.detected / (2 * np.pi * CONFIG.spread_m**2)
+    assert fitted.explained[0, 0] == pytest.approx(np.log1p(peak / mapped.invented[1]), rel=1e-6)
+    assert fitted.walls[0] == 0
+
+
+def test_an_object_that_should_have_been_seen_is_missed_and_one_elsewhere_is_not():
+    places = [[x, y, 0.0] for x in range(-5, 6) for y in range(-2, 3)]
+    seen = building([[3.0, 0, 0]], [1], places)
+    for extra, missed in (([-3.0, 0, 0], 1), ([-3.0, 9, 0], 0), ([-3.0, 0, 3.0], 0)):
+        mapped = layout(building([[3.0, 0, 0], extra], [1, 2], places))
+        fitted = align(mapped, fragment_of_arrays(seen, 27, CONFIG), np.array([27]), np.array([0.0]))
+        assert fitted.missing[0] == pytest.approx(CONFIG.detected * CONFIG.looked * (1 + missed))
+
+
+def test_an_object_that_is_likely_gone_counts_for_less_found_or_missed():
+    """Weights are of merged maps: the probability that an object is still where the map has it."""
+    places = [[x, y, 0.0] for x in range(-5, 6) for y in range(-2, 3)]
+    both = building([[3.0, 0, 0], [-3.0, 0, 0]], [1, 2], places)
+    one = fragment_of_arrays(building([[3.0, 0, 0]], [1], places), 27, CONFIG)
+    every = np.arange(both.n_places)
+    scores = {}
+    for weights in ((1.0, 1.0), (1.0, 0.5), (1.0, 0.0), (0.5, 1.0), (0.0, 1.0)):
+        mapped = MappedLayout([LayoutPart(both, every, 3, np.array(weights))], 3, CONFIG)
+        fitted = align(mapped, one, np.array([27]), np.array([0.0]))
+        assert fitted.missing[0] == pytest.approx(CONFIG.detected * CONFIG.looked * sum(weights))
+        scores[weights] = fitted.score[0]
+        votes = heading_scores(mapped, one, np.array([27]))
+        assert (votes.max() > 0) == (weights[0] > 0)
+    assert scores[1.0, 0.0] > scores[1.0, 0.5] > scores[1.0, 1.0] > scores[0.5, 1.0] > scores[0.0, 1.0]
+
+
+def test_room_that_the_map_does_not_have_costs():
+    corridor = [[x, 0.0, 0.0] for x in range(20)]
+    hall = [[x, y, 0.0] for x in range(20) for y in range(-4, 5)]
+    mapped = layout(building([[3.0, 0, 0]], [1], corridor))
+    seen = fragment_of_arrays(building([[3.0, 0, 0]], [1], hall), 4, CONFIG)
+    inside = fragment_of_arrays(building([[3.0, 0, 0]], [1], corridor), 0, CONFIG)
+    assert align(mapped, seen, np.array([0]), np.array([0.0])).walls[0] > 5
+    assert align(mapped, inside, np.array([0]), np.array([0.0])).walls[0] == 0
+
+
+@pytest.mark.parametrize("angle", [0.0, 1.0, 2.5, -2.0])
+def test_objects_vote_for_the_heading_that_the_robot_has(homes, angle):
+    mapped = homes[0][0]
+    place = 7
+    moved = turn(mapped, angle, np.zeros(3))
+    scores = heading_scores(layout(mapped, len(homes[2])), fragment_of_arrays(moved, place, CONFIG), np.array([place]))
+    off = (scores[0].argmax() * 2 * np.pi / HEADINGS + angle) % (2 * np.pi)
+    assert min(off, 2 * np.pi - off) <= np.pi / HEADINGS + 1e-6
+
+
+def test_poses_beside_one_another_are_one():
+    scores = np.zeros((3, HEADINGS), dtype=np.float32)
+    scores[0, 3], scores[1, 4], scores[2, 3], scores[0, 15] = 3.0, 2.0, 1.0, 0.5
+    positions = np.array([[0.0, 0, 0], [0.5, 0, 0], [5.0, 0, 0]])
+    place, heading = best_poses(scores, positions, np.zeros(3, dtype=np.int64), 10, 1.0)
+    assert place.tolist() == [0, 2, 0]
+    np.testing.assert_allclose(heading, np.array([3, 3, 15]) * 2 * np.pi / HEADINGS)
+    assert len(best_poses(scores, positions, np.zeros(3, dtype=np.int64), 1, 1.0)[0]) == 1
