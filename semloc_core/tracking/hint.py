@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.map_database import LoadedMap
+from semloc_core.text import short_repr
 
 LASTS_M = 10.0
 """Metres walked after which a hint is forgotten: by then the robot has seen for itself."""
 
 
+@short_repr
 @dataclass(frozen=True)
 class Hint:
     """About where the robot is.

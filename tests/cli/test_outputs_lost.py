@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from semloc_core import map_merge
 from semloc_core.cli.maps import commands as maps
 from semloc_core.cli.shared import choose_model
 from semloc_core.map_database import load
@@ -29,13 +30,13 @@ def homes(write_corridor: Callable[..., Path], tmp_path: Path) -> tuple[Path, Pa
 def test_a_build_that_lost_the_race_says_so(semloc, homes, tmp_path, monkeypatch) -> None:
     """The other process begins after ours and is done before it."""
     mine, theirs = homes
-    output, put = tmp_path / "a.map", maps.put
+    output, put = tmp_path / "a.map", map_merge.put_building
 
     def slow(*given: object, **options: object) -> int:
         _another("map", "build", theirs, "--model", "coco", "-o", output)
         return put(*given, **options)
 
-    monkeypatch.setattr(maps, "put", slow)
+    monkeypatch.setattr(map_merge, "put_building", slow)
     said = semloc("map", "build", mine, "--model", "coco", "-o", output)
     assert (said.code, said.out, said.err.count("\n")) == (2, "", 1), said
     assert "another process has written meanwhile" in said.err
@@ -64,7 +65,7 @@ def test_a_rebuild_that_lost_the_race_says_so(semloc, homes, tmp_path, monkeypat
 
 STOPPED = """
 import os, signal, sys
-from semloc_core.cli.maps import commands as maps
+from semloc_core import map_merge
 from semloc_core.__main__ import command
 
 def put(*given, **options):
@@ -72,7 +73,7 @@ def put(*given, **options):
     while True:
         signal.pause()
 
-maps.put = put
+map_merge.put_building = put
 command()
 """
 

@@ -66,10 +66,12 @@ def test_completion_knows_the_commands() -> None:
     assert set(done.stdout.split()) == {"replay", "report"}, done.stderr
 
 
-def test_stopping_it_is_said_in_a_line(monkeypatch, capsys) -> None:
+def test_stopping_it_is_said_in_a_line(monkeypatch, capsys, tmp_path) -> None:
+    monkeypatch.chdir(tmp_path)
+
     def stopped(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("semloc_core.sources.world.write_world", stopped)
+    monkeypatch.setattr("semloc_core.sources.write_world", stopped)
     code, _, err = said(["world", "office", "-o", "office.json"], monkeypatch, capsys)
     assert (code, err.splitlines()[-1]) == (130, "semloc: interrupted")

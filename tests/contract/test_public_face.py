@@ -1,5 +1,6 @@
 """What `docs/python.md` and the README promise of `from semloc_core import …`: programs run, the names are there."""
 
+import os
 import re
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from semloc_core.sources.run import write_run
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
 PROGRAMS = re.findall(r"^```python\n(.*?)^```", PAGE + (ROOT / "README.md").read_text(encoding="utf-8"), re.M | re.S)
-SAID = [r"match|ambiguous", r'"why_not"', r"\('building', 'run'\)", r"expected|Object", r"^$", r"match|ambiguous"]
+SAID = [r"match|ambiguous", r'"why_not"', r"\('building', 'run'\)", r"expected|Object", r"match|ambiguous"]
 
 
 class Step:
@@ -54,7 +55,8 @@ def test_a_type_checker_sees_the_names(tmp_path):
         "reveal_type(load_map)\nreveal_type(read_run)\nLocaliser(3)\n"
     )
     words = [sys.executable, "-m", "mypy", "--config-file=", "--strict", "--follow-imports=silent"]
-    done = subprocess.run([*words, "use.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    found = {**os.environ, "MYPYPATH": str(ROOT)}
+    done = subprocess.run([*words, "use.py"], cwd=tmp_path, env=found, capture_output=True, text=True, check=False)
     assert "LoadedMap" in done.stdout
     assert "Iterator" in done.stdout
     assert 'Argument 1 to "Localiser" has incompatible type "int"' in done.stdout

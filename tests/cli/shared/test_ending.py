@@ -112,6 +112,8 @@ def test_stopped_while_modules_are_imported_it_says_one_line(tmp_path: Path, num
             [sys.executable, "-c", script.format(name=name), "world", "office", "-o", "office.json"],
             capture_output=True,
             cwd=tmp_path,
+            # In a shell's background a process is started to ignore SIGINT.
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
             check=False,
         )
         assert (said.returncode, said.stdout, said.stderr) == (status, b"", b"semloc: interrupted\n"), (name, said)
