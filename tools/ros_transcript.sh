@@ -114,7 +114,7 @@ kill -INT -- "-${pids[1]}" 2>/dev/null || true
 stop "${pids[0]}"
 
 say '## Where the robot is, as tf2 has it' '' \
-    'A robot whose odometry drifts by the usual walks through the office; its updates are in the frame `odom`:' ''
+    'A robot whose odometry drifts by the usual walks through the office; its updates are in the frame odom:' ''
 rm -f "$scratch/office_walked.json"
 semloc world office -o "$scratch/office_walked.json" >/dev/null
 pids=()

@@ -20,6 +20,7 @@ import random
 import signal
 import subprocess
 import sys
+import time
 
 import building
 import pytest
@@ -65,6 +66,20 @@ class Running(Client):
         assert self.process.poll() is None, f"{what} ended the node"
         return future.result()
 
+    def wait_until_up(self):
+        """Ask until the process answers: a node of another test may still be listed, and is asked in vain."""
+        end = time.monotonic() + PATIENCE_S
+        while time.monotonic() < end:
+            future = self.start_call(GetState, "get_state", GetState.Request())
+            asked = time.monotonic()
+            while time.monotonic() < asked + 2.0:
+                if future.done():
+                    return
+                assert self.process.poll() is None, "the node ended at once"
+                time.sleep(0.02)
+            self.clients["get_state"].remove_pending_request(future)
+        raise AssertionError("the node does not answer")
+
     def state(self):
         """The id of the node's state."""
         return self.answer(self.start_call(GetState, "get_state", GetState.Request()), "get_state").current_state.id
@@ -104,6 +119,7 @@ def running(spin, assets):
         process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         side = Running(spin(rclpy.create_node("test_client")), process)
         started.append(side)
+        side.wait_until_up()
         return side
 
     yield make

@@ -104,7 +104,12 @@ class TestBags(Watching):
                 assert by_seq(recorded, topic) == texts, topic
             found, expected = (
                 [{name: value for name, value in row.items() if name != "method"} for row in rows]
-                for rows in (score_results(recorded, list(loaded.buildings)), summary.rows)
+                for rows in (
+                    score_results(
+                        recorded, list(loaded.buildings), same_storey=loaded.same_storey, chance=loaded.chance
+                    ),
+                    summary.rows,
+                )
             )
             assert found
             assert found == expected

@@ -15,6 +15,7 @@
 
 import datetime
 import math
+import time
 
 import building
 import scene
@@ -47,6 +48,7 @@ class TestHydra(Watching):
         publisher = self.client.node.create_publisher(DsgUpdate, "/hydra/backend/dsg", 1)
         wait_for(publisher.get_subscription_count, "the bridge", 120)
         wait_for(lambda: self.client.node.count_subscribers("/scene_graph"), "the localiser", 120)
+        time.sleep(2.0)  # until everyone knows everyone
         message = DsgUpdate(full_update=True)
         message.header.frame_id = "hydra_map"
         for step in range(10):
