@@ -161,5 +161,6 @@ def transform_of(placed: Placed) -> Transform:
 
 
 def _rounded(values: NDArray[np.float64]) -> list[float]:
-    found: list[float] = (np.round(values, DIGITS) + 0.0).ravel().tolist()
+    # Twice: else what lies between two digits, as round figures do, goes up or down by its last bit.
+    found: list[float] = (np.round(np.round(values, DIGITS + 3), DIGITS) + 0.0).ravel().tolist()
     return found

@@ -85,7 +85,7 @@ def test_answers_are_those_on_the_file(localiser, client, assets, server, name):
     core = Localiser(load(assets / "home.map"), LocaliserConfig(frame_id="home", explain_rate_hz=1000.0))
     for i, update in enumerate(run, 1):
         side.send(update)
-        answer, expected = side.wait_matches(i)[-1], core.update(update)
+        answer, expected = side.wait_matches(i)[-1], core.update(wire.encode(update))
         same = msgspec.structs.replace(expected.matches.map, name=name)  # a server's map has a name of its own
         assert plain(answer) == wire.encode(msgspec.structs.replace(expected.matches, map=same))
     wait_for(lambda: side.attributions and side.attributions[-1].seq == run[-1].seq, "attributions of the last answer")
@@ -121,7 +121,7 @@ def test_a_node_that_starts_before_its_server_waits_and_says_so(localiser, clien
     side.send(run[3])
     answer = side.wait_matches(4)[-1]
     core = Localiser(load(assets / "home.map"))
-    expected = [published(core.update(update).matches) for update in run[:4]][-1]
+    expected = [published(core.update(wire.encode(update)).matches) for update in run[:4]][-1]
     assert answer.matches == expected.matches
     assert answer.map.places == 40
     line.stop()
@@ -134,7 +134,7 @@ def test_a_lost_line_costs_answers_not_the_graph(localiser, client, assets, serv
     side = client().connect()
     run = updates()
     core = Localiser(load(assets / "home.map"))
-    expected = [published(core.update(update).matches) for update in run]
+    expected = [published(core.update(wire.encode(update)).matches) for update in run]
     for i in range(3):
         side.send(run[i])
         assert side.wait_matches(i + 1)[-1].matches == expected[i].matches
@@ -176,7 +176,7 @@ def test_maps_are_swapped_between_file_and_server(localiser, client, assets, ser
     side = client().connect()
     run = updates()
     core = Localiser(load(assets / "home.map"))
-    expected = [published(core.update(update).matches) for update in run]
+    expected = [published(core.update(wire.encode(update)).matches) for update in run]
     side.send(run[0])
     assert side.wait_matches(1)[-1].map.name == "home"
     for i, (map_, called) in enumerate([(there, name), (str(assets / "home.map"), "home"), (there, name)], 1):

@@ -95,4 +95,5 @@ class Ages:
     def __call__(self, key: str) -> float:
         """Metres walked since an object of the graph changed; 0 for one that is not known."""
         found = self._known.get(key)
-        return 0.0 if found is None else self.walked - found[1]
+        # Rounded: objects that were seen at one place are of one age, whatever the last bit of the way there.
+        return 0.0 if found is None else round(self.walked - found[1], 6)
