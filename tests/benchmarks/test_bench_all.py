@@ -3,10 +3,14 @@
 Without that option only what does not depend on speed is looked at: rows are complete, and peers agree.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
+from killing import Calls
 
+from semloc_core.benchmark import update, verified
 from semloc_core.benchmark.case import BenchCase, make_bench_case
 from semloc_core.benchmark.explain import Peer
 from semloc_core.benchmark.growth import corridor
@@ -30,6 +34,22 @@ def case() -> BenchCase:
     return make_bench_case(distance_m=5.0)
 
 
+@pytest.fixture
+def counted(monkeypatch):
+    """What is clocked are calls made, not seconds: the same on every machine."""
+    calls = Calls(float("inf"), lambda: None)
+
+    def clock():
+        return 1e-6 * calls.made
+
+    monkeypatch.setattr(update, "time", SimpleNamespace(perf_counter=clock, thread_time=clock))
+    monkeypatch.setattr(verified, "perf_counter", clock)
+    monkeypatch.setattr(verified, "thread_time", clock)
+    calls.begin()
+    yield
+    calls.end()
+
+
 def test_contenders_are_measured_by_the_first_of_their_task():
     called = []
     rows = by_turns([Contender("t", name, lambda name=name: called.append(name)) for name in ("ours", "theirs")], 3)
@@ -38,14 +58,14 @@ def test_contenders_are_measured_by_the_first_of_their_task():
     assert all(row["repeats"] == 3 and row["p50_ms"] <= row["p99_ms"] for row in rows)
 
 
-def test_an_update_is_taken_apart_into_all_its_steps(case):
+def test_an_update_is_taken_apart_into_all_its_steps(case, counted):
     rows = bench_update(case, sizes=(1_500,))
     assert [row["method"] for row in rows[2:-1]] == [f"· {step}" for step in STEPS]
     steps = sum(row["cpu_ms"] for row in rows[2:-1])
     assert 0.3 < steps / rows[0]["cpu_ms"] < 3.0
 
 
-def test_an_update_whose_answer_is_tested_is_taken_apart(case):
+def test_an_update_whose_answer_is_tested_is_taken_apart(case, counted):
     """Parts that are timed apart must be those that the localiser runs: they add up to the test."""
     rows = bench_verified(case, homes=300, distance_m=5.0)
     assert [row["method"] for row in rows[: len(PARTS) + 2]] == [

@@ -7,7 +7,7 @@ import signal
 from pathlib import Path
 
 import pytest
-from killing import run_and_kill
+from killing import Work, calls_of, run_and_kill
 
 import semloc_core
 from semloc_core.files.whole import write_whole
@@ -62,14 +62,15 @@ def test_killed_while_it_is_written(tmp_path):
     path, contents = tmp_path / "page.html", (b"a" * 300_000, b"b" * 400_000)
     write_whole(path, contents[0])
 
-    def work(end: int) -> None:
-        os.write(end, b"\n")
-        for n in range(1, 10**6):
+    def work(given: Work) -> None:
+        given.begun()
+        for n in range(1, 4):
             write_whole(path, contents[n % 2])
 
+    usual = calls_of(work)
     rng, found, left = random.Random(0), set(), 0
-    for _ in range(ROUNDS):
-        run_and_kill(work, rng.uniform(0.0, 0.01))
+    for n in range(ROUNDS):
+        run_and_kill(work, rng.randint(0, usual), just_there=n % 3 > 0)
         content = path.read_bytes()
         assert content in contents
         found.add(content)
@@ -79,6 +80,7 @@ def test_killed_while_it_is_written(tmp_path):
         for each in beside:
             each.unlink()
     assert left, "the kills came at rest"
+    assert found == set(contents)
 
 
 def test_an_interruption_leaves_nothing_beside_it(tmp_path, monkeypatch):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import multiprocessing
 import os
 import sys
-import time
 from collections.abc import Callable
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from killing import Calls, kill_oneself
 from map_cases import Building, make_building, make_model
 
 from semloc_core.encoding.model import Model
@@ -68,11 +68,16 @@ def replace(address: MilvusAddress, said: Connection, name: str, first: int, tim
     said.send("done")
 
 
-def churn(address: MilvusAddress, said: Connection, plan: list[str]) -> None:
-    """Add, replace and remove by a plan; each change is reported after it."""
+def churn(address: MilvusAddress, said: Connection, plan: list[str], at: float) -> None:
+    """Add, replace and remove by a plan; each change is reported after it. Killed at the call ``at`` of ours.
+
+    At the end it says how many there were: those of the project's own files, which are always the same.
+    """
     both = variants(make_model())
+    calls = Calls(at, kill_oneself, within="semloc_core")
     with FleetDatabase.open(address) as database:
         said.send("begun")
+        calls.begin()
         for change in plan:
             verb, name, variant = change.split()
             if verb == "remove":
@@ -81,7 +86,7 @@ def churn(address: MilvusAddress, said: Connection, plan: list[str]) -> None:
                 put = database.add_building if verb == "add" else database.replace_building
                 put(name, *both[int(variant)])
             said.send(change)
-    time.sleep(60)
+        said.send(f"calls {calls.end()}")
 
 
 def start(work: Callable[..., None], *args: object) -> tuple[BaseProcess, Connection]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -95,13 +95,12 @@ def test_killed_while_changing_buildings(empty: MilvusAddress) -> None:
     model = make_model()
     both = variants(model)
     rng = np.random.default_rng(0)
-    began = time.perf_counter()
-    with FleetDatabase.open(empty) as database:
-        for i in range(4):
-            database.add_building(f"timed{i}", *both[0])
-        usual = (time.perf_counter() - began) / 4
-        for i in range(4):
-            database.remove_building(f"timed{i}")
+    plan = [f"{verb} counted{i} 0" for verb in ("add", "remove") for i in range(4)]
+    child, said = start(churn, empty, plan, float("inf"))
+    reported = [said.recv() for _ in range(len(plan) + 1)]
+    child.join()
+    assert reported[:-1] == plan
+    usual = int(reported[-1].removeprefix("calls ")) / len(plan)
     committed: dict[str, int] = {}
     source = MilvusSource(empty, poll_s=0.0)
     left_over = 0
@@ -112,10 +111,9 @@ def test_killed_while_changing_buildings(empty: MilvusAddress) -> None:
             for i in range(60)
             for verb, v in (("add", 0), ("replace", 1), ("remove", 0))[: 2 + i % 2]
         ]
-        child, said = start(churn, empty, plan)
-        time.sleep(float(rng.uniform(0, 6 * usual)))
-        child.kill()
+        child, said = start(churn, empty, plan, round(rng.uniform(0, 8 * usual)))
         child.join()
+        assert child.exitcode == -signal.SIGKILL
         reported = []
         while said.poll():
             try:

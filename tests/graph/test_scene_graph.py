@@ -1,9 +1,13 @@
 """SceneGraph.apply: all or nothing, order of operations, what it reports as changed."""
 
 import copy
-import time
+import sys
+import tracemalloc
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
+from types import FrameType
+from typing import Any
 
 import msgspec
 import pytest
@@ -275,21 +279,39 @@ def test_to_update_is_canonical_and_names_the_query_place() -> None:
 
 
 def test_a_delta_costs_the_same_in_a_large_graph() -> None:
-    def cost(size: int) -> float:
+    def cost(size: int) -> tuple[int, int]:
+        """Operations of the interpreter, and the most bytes held besides the graph."""
         places = [Place(f"{i:06}", (float(i), 0.0, 0.0)) for i in range(size)]
         edges = [(a.id, b.id) for a, b in pairwise(places)]
         graph = SceneGraph.from_update(update(places, edges=edges, full=True))
         delta = update([Place("new", (0.0, 1.0, 0.0))], edges=[("new", "000000")], query_place="000001")
         removal = update(removed_nodes=["new"])
-        best = float("inf")
-        for _ in range(200):
-            start = time.perf_counter()
+        operations = 0
+
+        def count(frame: FrameType, event: str, _: object) -> Callable[..., Any]:
+            nonlocal operations
+            frame.f_trace_opcodes = True
+            operations += event == "opcode"
+            return count
+
+        before = sys.gettrace()
+        sys.settrace(count)
+        try:
             graph.apply(delta)
             graph.apply(removal)
-            best = min(best, time.perf_counter() - start)
-        return best
+        finally:
+            sys.settrace(before)
+        tracemalloc.start()
+        try:
+            graph.apply(delta)
+            graph.apply(removal)
+            return operations, tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
 
-    assert cost(20_000) < 10 * cost(20)  # a thousand times the size; a copy of the graph would cost that much
+    (few, _), (many, held) = cost(20), cost(20_000)
+    assert few == many > 100
+    assert held < 50_000  # a copy of the ids alone is more
 
 
 def test_the_index_of_a_graph_that_churns_does_not_grow() -> None:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import sqlite3
 import sys
-import time
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
-from killing import run_and_kill
+from killing import Work, calls_of, run_and_kill
 from map_cases import Building, make_building, make_map, make_model
 
 from semloc_core.encoding.model import Model
@@ -61,21 +61,10 @@ def test_killed_while_changing_buildings(tmp_path: Path, model: Model) -> None:
             steps += [f"add {i} 0", f"replace {i} 1"] + ([f"remove {i} 0"] if i % 2 else [])
         return steps
 
-    # Kill times follow the machine's speed of now, so that rounds differ in how far they come on any machine.
-    began = time.perf_counter()
-    with MapDatabase.create(tmp_path / "timed.map", model) as database:
-        for i in range(5):
-            database.add_building(str(i), *variants[0])
-    usual = (time.perf_counter() - began) / 5
-    (tmp_path / "timed.map").unlink()
-
-    interrupted = 0
-    for n in range(ROUNDS):
-        plan = changes(1000 * n)
-
-        def work(end: int, plan: list[str] = plan) -> None:
+    def working(path: Path, plan: list[str]) -> Callable[[Work], None]:
+        def work(given: Work) -> None:
             with MapDatabase.open(path) as database:
-                os.write(end, b"\n")
+                given.begun()
                 for change in plan:
                     verb, name, variant = change.split()
                     if verb == "remove":
@@ -83,15 +72,24 @@ def test_killed_while_changing_buildings(tmp_path: Path, model: Model) -> None:
                     else:
                         put = database.add_building if verb == "add" else database.replace_building
                         put(name, *variants[int(variant)])
-                    os.write(end, f"{change}\n".encode())
+                    given.report(change)
 
-        reported = run_and_kill(work, float(rng.uniform(0, 6 * usual)))
+        return work
+
+    usual = calls_of(working(make_map(tmp_path / "counted.map", model), changes(0)[:5])) / 5
+    (tmp_path / "counted.map").unlink()
+
+    interrupted = 0
+    for n in range(ROUNDS):
+        plan = changes(1000 * n)
+        reported = run_and_kill(working(path, plan), round(rng.uniform(0, 6 * usual)), just_there=n % 3 > 0)
         assert reported == plan[: len(reported)]
         for change in reported:
             apply(committed, change)
         # The change under way when the signal came may have been committed before it could be reported.
         possible = dict(committed)
-        apply(possible, plan[len(reported)])
+        for change in plan[len(reported) :][:1]:
+            apply(possible, change)
         interrupted += Path(f"{path}-wal").exists()
 
         loaded = load(path)
@@ -108,19 +106,20 @@ def test_killed_while_changing_buildings(tmp_path: Path, model: Model) -> None:
 def test_killed_while_creating(tmp_path: Path, model: Model) -> None:
     """Under its name there is a whole map or nothing, and the next attempt succeeds."""
     rng = np.random.default_rng(1)
-    began = time.perf_counter()
-    make_map(tmp_path / "first.map", model)
-    usual = time.perf_counter() - began
+
+    def making(path: Path) -> Callable[[Work], None]:
+        def work(given: Work) -> None:
+            given.begun()
+            make_map(path, model)
+
+        return work
+
+    usual = calls_of(making(tmp_path / "first.map"))
     seen = set()
     for n in range(15):
         path = tmp_path / f"{n}.map"
-
-        def work(end: int, path: Path = path) -> None:
-            os.write(end, b"\n")
-            make_map(path, model)
-            time.sleep(60)
-
-        run_and_kill(work, float(rng.uniform(0, 0.5)) * usual if n % 5 else 4 * usual)
+        # Every fifth is killed once it is done.
+        run_and_kill(making(path), round(rng.uniform(0, usual)) if n % 5 else float("inf"), just_there=n % 3 > 0)
         seen.add(path.exists())
         if path.exists():
             assert load(path).buildings in ((), ("b",), ("a", "b"))

@@ -7,13 +7,12 @@ import random
 import shutil
 import sqlite3
 import sys
-import time
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
-from killing import run_and_kill
+from killing import Work, calls_of, run_and_kill
 from lived_in import office, rings, seen_again
 
 from semloc_core.cli import app
@@ -50,43 +49,36 @@ def test_killed_while_merging(case: tuple[Path, list[str]], monkeypatch: pytest.
     words = [*words, "--json", str(figures), "--force"]
     shutil.copy(folder / "before.map", path)
     propose, writing = store.propose, store.write
-    proposed, began = [], [0.0]
+    proposed: list[tuple[str, Merged]] = []
 
     def kept(*given: Any, **options: Any) -> tuple[str, Merged]:
         if not proposed:  # the same each time, and nothing is written yet
             proposed.append(propose(*given, **options))
         return proposed[0]
 
-    def timed(*given: Any) -> None:
-        began[0] = time.perf_counter()
-        writing(*given)
-
     monkeypatch.setattr(store, "propose", kept)
-    monkeypatch.setattr(store, "write", timed)
     before = load(path).hash
-    for _ in range(2):  # the first loads modules
-        shutil.copy(folder / "before.map", path)
-        app(words, standalone_mode=False)
-    usual = time.perf_counter() - began[0]  # from where the map is about to be changed to the command's end
+    app(words, standalone_mode=False)  # loads modules
     merged, whole = load(path).hash, figures.read_bytes()
     assert before != merged
 
+    def work(given: Work) -> None:
+        def counted(*args: Any) -> None:
+            given.begun()
+            writing(*args)
+
+        monkeypatch.setattr(store, "write", counted)  # in the child alone
+        app(words, standalone_mode=False)
+
+    shutil.copy(folder / "before.map", path)
+    usual = calls_of(work)  # from where the map is about to be changed to the command's end
     rng, found = random.Random(0), []
-    for _ in range(ROUNDS):
+    for n in range(ROUNDS):
         shutil.copy(folder / "before.map", path)
         figures.write_bytes(OLD)
-
-        def work(end: int) -> None:
-            def reported(*given: Any) -> None:
-                os.write(end, b"\n")
-                writing(*given)
-
-            monkeypatch.setattr(store, "write", reported)  # in the child alone
-            app(words, standalone_mode=False)
-            time.sleep(60)  # to be killed
-
-        # The first at once: on a machine that is faster by now than when it was timed, the others may all be late.
-        run_and_kill(work, rng.uniform(0.0, 2.5) * usual if found else 0.0)
+        # The first at once, the last when all is done.
+        at = {0: 0.0, ROUNDS - 1: float("inf")}.get(n, rng.randint(1, usual))
+        run_and_kill(work, at, just_there=n % 3 < 2)
         state = load(path).hash
         assert state in (before, merged)
         with closing(sqlite3.connect(path)) as connection:
@@ -96,4 +88,4 @@ def test_killed_while_merging(case: tuple[Path, list[str]], monkeypatch: pytest.
         found.append(state == merged)
         shown = {each.name for each in folder.iterdir() if not each.name.startswith(".")}
         assert shown == {"before.map", "later.mcap", path.name, figures.name}
-    assert not all(found), "the kills came too late"
+    assert set(found) == {False, True}, "all kills came too early, or too late"

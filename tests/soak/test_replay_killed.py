@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import random
-import signal
 import sys
-import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import pytest
+from killing import Work, calls_of, run_and_kill
 from small_building import building_update, make_map, make_model
 
 from semloc_core.config import LocaliserConfig
@@ -36,7 +35,7 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, LoadedMap]:
     folder = tmp_path_factory.mktemp("killed")
     loaded = make_map(folder / "home.map", make_model("paper"), home=building_update(40, 25))
     graph = SceneGraph.from_update(building_update(40, 25))
-    steps = simulate_traversal(graph, SimulationConfig(distance_m=60.0), np.random.default_rng(0))
+    steps = simulate_traversal(graph, SimulationConfig(distance_m=30.0), np.random.default_rng(0))
     write_run(folder / "run.mcap", steps)
     return folder / "run.mcap", loaded
 
@@ -45,21 +44,21 @@ def test_killed_while_replaying(case: tuple[Path, LoadedMap], tmp_path: Path, mo
     run, loaded = case
     # Small chunks, so that a short run makes many; users' are of `CHUNK_BYTES`.
     monkeypatch.setattr(replaying, "BagWriter", partial(BagWriter, chunk_bytes=4096))
-    began = time.perf_counter()
     replaying.replay(run, loaded, CONFIG, results=tmp_path / "whole.mcap")
-    usual = time.perf_counter() - began
+
+    def replayed(path: Path) -> Callable[[Work], None]:
+        def work(given: Work) -> None:
+            given.begun()
+            replaying.replay(run, loaded, CONFIG, results=path)
+
+        return work
+
+    usual = calls_of(replayed(tmp_path / "counted.mcap"))
     whole = [(m.topic, m.stamp_ns, m.data) for m in read_messages(tmp_path / "whole.mcap")]
     rng, found = random.Random(0), []
     for n in range(ROUNDS):
         path = tmp_path / f"{n}.mcap"
-        child = multiprocessing.get_context("fork").Process(
-            target=replaying.replay, args=(run, loaded, CONFIG), kwargs={"results": path}
-        )
-        child.start()
-        time.sleep(rng.uniform(0.0, 1.0) * usual)
-        assert child.pid is not None
-        os.kill(child.pid, signal.SIGKILL)
-        child.join()
+        run_and_kill(replayed(path), rng.randint(0, usual), just_there=n % 3 > 0)
         if not path.exists() or path.stat().st_size == 0:  # killed before the first byte
             found.append(0)
             continue
