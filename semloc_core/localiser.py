@@ -292,7 +292,8 @@ class Localiser:
         graph = self.stream.graph
         if self._reranker is None or graph is None or query.place is None:
             return None
-        return self._reranker.rank(graph, query.place, everywhere, raw.rows, self.config.top_n, self._ages)
+        robot = self._stands(query)[0]
+        return self._reranker.rank(graph, query.place, everywhere, raw.rows, self.config.top_n, self._ages, robot)
 
     def _placed(self, tested: Reranked | None, rows: NDArray[np.int64], filtered: bool) -> Mapping[int, Placed]:
         """Where the frame of the updates lies in the buildings of rows of the map, as far as these were tested."""

@@ -23,6 +23,7 @@ from semloc_core.scene_graph import SceneGraph
 from semloc_core.short_repr import short_repr
 
 Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
 
 _VERIFIERS: WeakKeyDictionary[LoadedMap, LayoutVerifier | None] = WeakKeyDictionary()
 
@@ -108,6 +109,7 @@ class Reranker:
         raw: Ints,
         top_n: int,
         ages: Ages | None = None,
+        robot: Floats | None = None,
     ) -> Reranked | None:
         """Test the likeliest places of the map for one place of a graph.
 
@@ -118,6 +120,7 @@ class Reranker:
             raw: rows of the search's answer, best first: they follow what was tested.
             top_n: how many places to list.
             ages: of the graph's objects; None: all are new.
+            robot: (3,) metres, where in the graph's frame it is; None: at the place.
 
         Returns:
             The answer; None where no object around the robot fits anything in the map.
@@ -129,17 +132,20 @@ class Reranker:
         found = verifier.verify(fragment, similarity)
         if found is None:
             return None
-        sure = confidence(found, fragment, verifier.mapped)
+        sure = confidence(found, fragment, verifier.mapped, robot=robot)
         order = sure.order
         tested = found.rows[order]
         known = set(tested.tolist())
-        rest = np.array([row for row in raw.tolist() if row not in known], dtype=np.int64)
+        # Between floors the likeliest place of each is listed, found or not.
+        beside = sure.answers.on_each_storey(verifier.mapped)
+        rest = np.array([row for row in dict.fromkeys([*beside, *raw.tolist()]) if row not in known], dtype=np.int64)
         # What was not tested is as likely as what was tested near it says, and is listed where that puts it.
         rows = np.concatenate([tested, rest])
         chances = np.concatenate([sure.probability[order], sure.answers.probability(verifier.mapped, rest)])
         rows = rows[np.argsort(-chances, kind="stable")]
         probability = dict(zip(np.concatenate([tested, rest]).tolist(), chances.tolist(), strict=True))
-        shown, separate = rows[:top_n], np.array(modes(tested, self._within), dtype=np.int64)
+        apart = np.concatenate([tested, rest[np.isin(rest, beside)]])
+        shown, separate = rows[:top_n], np.array(modes(apart, self._within), dtype=np.int64)
         return Reranked(Ranking(shown, separate, probability, sure.in_map), found, fragment)
 
     def placed(self, tested: Reranked, rows: Sequence[int], near: bool = False) -> Mapping[int, Placed]:
