@@ -144,7 +144,7 @@ class Reranker:
         chances = np.concatenate([sure.probability[order], sure.answers.probability(verifier.mapped, rest)])
         rows = rows[np.argsort(-chances, kind="stable")]
         probability = dict(zip(np.concatenate([tested, rest]).tolist(), chances.tolist(), strict=True))
-        apart = np.concatenate([tested, rest[np.isin(rest, beside)]])
+        apart = rows[np.isin(rows, [*tested.tolist(), *beside])]
         shown, separate = rows[:top_n], np.array(modes(apart, self._within), dtype=np.int64)
         return Reranked(Ranking(shown, separate, probability, sure.in_map), found, fragment)
 
