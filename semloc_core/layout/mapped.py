@@ -77,7 +77,8 @@ class MappedLayout:
         if storey.min() == storey.max():
             return [int(storey[0])]
         # What is far off in the plane is no storey there.
-        near = (np.abs(self.positions[first:last, :2] - point[:2]) <= MATCH_RADIUS_M).all(axis=1)
+        off = np.abs(self.positions[first:last, :2] - point[:2])
+        near: NDArray[np.bool_] = (off <= MATCH_RADIUS_M).all(axis=1)
         near[row - first] = True
         return storeys_at(point, self.positions[first:last][near], storey[near].astype(np.int64))
 
