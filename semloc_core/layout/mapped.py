@@ -78,7 +78,7 @@ class MappedLayout:
             return [int(storey[0])]
         # What is far off in the plane is no storey there.
         off = np.abs(self.positions[first:last, :2] - point[:2])
-        near: NDArray[np.bool_] = (off <= MATCH_RADIUS_M).all(axis=1)
+        near: NDArray[np.bool_] = off.max(axis=1) <= MATCH_RADIUS_M
         near[row - first] = True
         return storeys_at(point, self.positions[first:last][near], storey[near].astype(np.int64))
 
