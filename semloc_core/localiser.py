@@ -319,8 +319,8 @@ class Localiser:
         graph = self.stream.graph
         if self._reranker is None or graph is None or query.place is None:
             return None
-        only = self._hinted()
-        return self._reranker.rank(graph, query.place, everywhere, raw.rows, self.config.top_n, self._ages, only)
+        only, robot = self._hinted(), self._stands(query)[0]
+        return self._reranker.rank(graph, query.place, everywhere, raw.rows, self.config.top_n, self._ages, only, robot)
 
     def _hinted(self) -> NDArray[np.bool_] | None:
         """(M,) bool, where the robot can be by what somebody said; None: anywhere."""

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from semloc_core.graph.repair import mend
     from semloc_core.graph.resample import carried_sightings, nearest_parents, place_spacing, resample_places
     from semloc_core.graph.scene_graph import Change, SceneGraph
-    from semloc_core.graph.storeys import separate, storey_at, storeys_of
+    from semloc_core.graph.storeys import separate, storey_at, storeys_at, storeys_of
     from semloc_core.graph.visibility import Visibility, object_distances, visible_pairs
 else:
     __getattr__ = exports(__name__)
@@ -40,5 +40,5 @@ __all__ = [
     "advice", "all_numbers", "all_unknown", "ball", "carried_sightings", "count_unknown", "full_id", "is_nameless",
     "labelspace_from_hydra", "lacks", "listed", "load_labelspace", "many_balls", "mend", "nearest_parents",
     "number_of", "object_distances", "place_spacing", "ranges", "read_graph", "resample_places", "separate",
-    "short_id", "storey_at", "storeys_of", "union", "visible_pairs",
+    "short_id", "storey_at", "storeys_at", "storeys_of", "union", "visible_pairs",
 ]  # fmt: skip

@@ -36,6 +36,8 @@ BESIDE_M = 2.0
 """Places so near in the plane say where a storey is at a point."""
 ABOVE = 2.0
 """How much more a metre above a storey's places counts than one below."""
+BETWEEN_M = 0.5
+"""A storey that is so little further than another one is as likely to be called a point's."""
 STEP_M = 0.05
 SMOOTH_M = 0.2
 """Standard deviation by which levels are smeared before heaps are looked for."""
@@ -86,16 +88,53 @@ def storey_at(point: Floats, positions: Floats, storey: Ints) -> int:
         storey: (P,) theirs.
 
     """
+    return _first(_beside(point, positions, storey))
+
+
+def storeys_at(point: Floats, positions: Floats, storey: Ints) -> list[int]:
+    """The storeys that a point may be said to be on, that of `storey_at` first: several between floors, as on stairs.
+
+    There they hang on whether a robot's height is its base's, and on centimetres.
+
+    Args:
+        point, positions, storey: as of `storey_at`.
+
+    """
+    beside = _beside(point, positions, storey)
+    found: set[int] = set()
+    for above in (1.0, ABOVE):
+        least = min(_cost(there, above) for there in beside)
+        found.update(there[4] for there in beside if round(_cost(there, above) - least, 6) <= BETWEEN_M)
+    first = _first(beside)
+    return [first, *sorted(found - {first})]
+
+
+Beside = tuple[float, float, float, float, int]
+"""How far a storey's places begin in the plane, and from the height of those around there on, above a point and below
+it; how far the nearest is; the storey."""
+
+
+def _beside(point: Floats, positions: Floats, storey: Ints) -> list[Beside]:
+    """Each storey as a point has it."""
     away = np.hypot(positions[:, 0] - point[0], positions[:, 1] - point[1])
-    costs = []
+    found = []
     for k in np.unique(storey).tolist():
         here = np.flatnonzero(storey == k)
-        nearest = away[here].min()
+        nearest = float(away[here].min())
         heights = positions[here[away[here] <= max(BESIDE_M, nearest + 1.0)], 2]
-        below, above = heights.min() - point[2], point[2] - heights.max()
-        off = np.linalg.norm(positions[here] - point, axis=1).min()
-        costs.append((round(float(np.hypot(nearest, max(below, ABOVE * above, 0.0))), 6), round(float(off), 6), k))
-    return int(min(costs)[2])
+        off = round(float(np.linalg.norm(positions[here] - point, axis=1).min()), 6)
+        found.append((nearest, float(heights.min() - point[2]), float(point[2] - heights.max()), off, int(k)))
+    return found
+
+
+def _first(beside: list[Beside]) -> int:
+    return min((round(_cost(there, ABOVE), 6), *there[3:]) for there in beside)[2]
+
+
+def _cost(there: Beside, above: float) -> float:
+    """How far a storey is, metres, if one above its places counts so many times."""
+    nearest, below, over, _, _ = there
+    return float(np.hypot(nearest, max(below, above * over, 0.0)))
 
 
 def separate(building: NDArray[np.integer[Any]], storey: Ints) -> NDArray[np.int32]:

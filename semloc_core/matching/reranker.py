@@ -20,6 +20,7 @@ from semloc_core.matching.posterior import Ranking, modes
 from semloc_core.text import short_repr
 
 Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
 
 _VERIFIERS: WeakKeyDictionary[LoadedMap, LayoutVerifier | None] = WeakKeyDictionary()
 
@@ -106,6 +107,7 @@ class Reranker:
         top_n: int,
         ages: Ages | None = None,
         only: NDArray[np.bool_] | None = None,
+        robot: Floats | None = None,
     ) -> Reranked | None:
         """Test the likeliest places of the map for one place of a graph.
 
@@ -117,6 +119,7 @@ class Reranker:
             top_n: how many places to list.
             ages: of the graph's objects; None: all are new.
             only: (M,) bool, the places that the robot can be at; None for all.
+            robot: (3,) metres, where in the graph's frame it is; None: at the place.
 
         Returns:
             The answer; None where no object around the robot fits anything in the map.
@@ -128,17 +131,20 @@ class Reranker:
         found = verifier.verify(fragment, similarity, only)
         if found is None:
             return None
-        sure = confidence(found, fragment, verifier.mapped)
+        sure = confidence(found, fragment, verifier.mapped, robot=robot)
         order = sure.order
         tested = found.rows[order]
         known = set(tested.tolist())
-        rest = np.array([row for row in raw.tolist() if row not in known], dtype=np.int64)
+        # Between floors the likeliest place of each is listed, found or not.
+        beside = sure.answers.on_each_storey(verifier.mapped)
+        rest = np.array([row for row in dict.fromkeys([*beside, *raw.tolist()]) if row not in known], dtype=np.int64)
         # What was not tested is as likely as what was tested near it says, and is listed where that puts it.
         rows = np.concatenate([tested, rest])
         chances = sure.answers.probability(verifier.mapped, rows)
         probability = dict(zip(rows.tolist(), chances.tolist(), strict=True))
         rows = rows[np.argsort(-chances, kind="stable")]
-        shown, separate = rows[:top_n], np.array(modes(tested, self._within), dtype=np.int64)
+        apart = rows[np.isin(rows, [*tested.tolist(), *beside])]
+        shown, separate = rows[:top_n], np.array(modes(apart, self._within), dtype=np.int64)
         return Reranked(Ranking(shown, separate, probability, sure.in_map), found, fragment)
 
     def placed(self, tested: Reranked, rows: Sequence[int], near: bool = False) -> Mapping[int, Placed]:

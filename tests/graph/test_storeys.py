@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.storeys import separate, storey_at, storeys
+from semloc_core.graph.storeys import separate, storey_at, storeys, storeys_at
 from semloc_core.sources.hydra import read_hydra
 from semloc_core.sources.world import KINDS, draw_stacked
 
@@ -72,6 +72,15 @@ def test_a_point_is_on_the_storey_whose_places_span_its_height():
     for height, on in ((0.0, 0), (2.6, 0), (3.0, 1), (4.4, 1), (6.0, 1)):
         assert storey_at(np.array([0.5, 0.5, height]), positions, storey) == on, height
     assert separate(np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])).tolist() == [0, 1, 2, 3]
+
+
+def test_a_point_between_floors_is_on_either_and_one_on_a_floor_on_that_alone():
+    positions = np.array([[x, y, z] for z in (0.5, 3.2) for x in range(6) for y in range(6)], dtype=np.float64)
+    storey = np.repeat([0, 1], 36)
+    for height, on in ((0.0, [0]), (0.9, [0]), (1.3, [0, 1]), (1.6, [1, 0]), (2.0, [1, 0]), (2.6, [1]), (3.4, [1])):
+        point = np.array([2.5, 2.5, height])
+        assert storeys_at(point, positions, storey) == on, height
+        assert storey_at(point, positions, storey) == on[0]
 
 
 @pytest.mark.parametrize(

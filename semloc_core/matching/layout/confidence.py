@@ -46,6 +46,10 @@ MOST_SURE = 0.999
 """P(the robot is in the map) counts as no more where belief is shared: two places that fit alike are no match."""
 _SHARINGS = 8
 _NO_CHANCE = 1e-9
+LIKELY = 0.01
+"""An answer that is so much less likely than the best one is taken to be on the storey of the place it was found by."""
+AS_LIKELY = 0.98
+"""Between floors, P(on another storey) over P(on the one that is named first)."""
 CLIP = 3.0
 """Features count up to so many standard deviations from the mean: beyond, nothing was learnt."""
 
@@ -109,7 +113,11 @@ def shipped_calibration() -> Calibration:
 
 
 def confidence(
-    verified: Verified, fragment: Fragment, mapped: MappedLayout, calibration: Calibration | None = None
+    verified: Verified,
+    fragment: Fragment,
+    mapped: MappedLayout,
+    calibration: Calibration | None = None,
+    robot: Floats | None = None,
 ) -> Confidence:
     """Believe a verified answer as far as experience goes.
 
@@ -118,6 +126,7 @@ def confidence(
         fragment: what it was given for.
         mapped: the map.
         calibration: None for the shipped one.
+        robot: (3,) metres, where the robot is in its frame; None: at the place that the fragment is around.
 
     """
     calibration = calibration or shipped_calibration()
@@ -142,9 +151,30 @@ def confidence(
     nearest = verified.rows[found.nearest(0, mapped, verified.rows)]
     off = np.linalg.norm(mapped.positions[[nearest]] - poses[0], axis=1)
     chance = chance / max(float(_near(calibration, off, n)[0]), 0.5)
-    answers = Answers(poses, found.storey[found.separate], chance, right, n, calibration)
+    if robot is not None:
+        poses = poses + _turned(robot - fragment.origin, verified.heading[found.separate])
+    answers = Answers(*_by_storey(mapped, verified.rows[found.separate], poses, chance, right), n, calibration)
     probability = answers.probability(mapped, verified.rows)
     return Confidence(probability, in_map, np.lexsort((np.arange(len(probability)), found.off, -probability)), answers)
+
+
+def _by_storey(
+    mapped: MappedLayout, rows: Ints, poses: Floats, chance: Floats, right: float
+) -> tuple[Floats, Ints, Floats, float]:
+    """The first fields of `Answers`, of answers with these rows and poses: each once for each storey that it may be on.
+
+    An answer is on the storey where it has the robot, whatever place it was found by; between floors, where a robot on
+    stairs is, it is nearly as likely on one as on another.
+    """
+    on = [
+        mapped.storeys_at(pose, row) if p >= LIKELY * chance[0] else [int(mapped.storey[row])]
+        for pose, row, p in zip(poses, rows.tolist(), chance.tolist(), strict=True)
+    ]
+    times = np.array([len(each) for each in on])
+    shares = [np.array([1.0, *[AS_LIKELY] * (n - 1)]) / (1.0 + AS_LIKELY * (n - 1)) for n in times.tolist()]
+    storeys = np.array([storey for each in on for storey in each], dtype=np.int64)
+    most = right if times[0] == 1 else min(right, MOST_SURE) / int(times[0])
+    return np.repeat(poses, times, axis=0), storeys, np.repeat(chance, times) * np.concatenate(shares), most
 
 
 @short_repr
@@ -168,6 +198,15 @@ class Answers:
     most: float
     n_objects: int
     calibration: Calibration
+
+    def on_each_storey(self, mapped: MappedLayout) -> list[int]:
+        """Rows of the map: where the best answer may be on several storeys, the nearest on each of them."""
+        same = (self.pose == self.pose[0]).all(axis=1)
+        found = []
+        for storey in self.storey[same].tolist() if same.sum() > 1 else []:
+            rows = np.flatnonzero(mapped.storey == storey)
+            found.append(int(rows[np.linalg.norm(mapped.positions[rows] - self.pose[0], axis=1).argmin()]))
+        return found
 
     def probability(self, mapped: MappedLayout, rows: Ints) -> Floats:
         """(K,) P(right) of (K,) rows of the map, tested or not, each for itself; none more than the best answer's.
@@ -339,6 +378,13 @@ class Tested:
         weight = np.exp(sharpness * (self.score - self.score[0]))
         found: Floats = np.where(self.together, weight, 0.0).max(axis=1) / weight[self.separate].sum()
         return found
+
+
+def _turned(offset: Floats, heading: Floats) -> Floats:
+    """(A, 3) an offset (3,), metres, turned by (A,) headings, radians."""
+    c, s = np.cos(heading), np.sin(heading)
+    x, y, z = offset.tolist()
+    return np.stack([c * x - s * y, s * x + c * y, np.full(len(heading), z)], axis=1)
 
 
 @lru_cache(maxsize=1)

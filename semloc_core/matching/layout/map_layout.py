@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph import Floats, Ints, separate
+from semloc_core.config import MATCH_RADIUS_M
+from semloc_core.graph import Floats, Ints, separate, storeys_at
 from semloc_core.matching.layout.building.free_space_cost import Rooms
 from semloc_core.matching.layout.building.layout import LayoutPart
 from semloc_core.matching.layout.building.objects_by_place import Around
@@ -67,6 +68,18 @@ class MappedLayout:
     def n_places(self) -> int:
         """M."""
         return len(self.positions)
+
+    def storeys_at(self, point: Floats, row: int) -> list[int]:
+        """The storeys (numbers of `storey`) that a point (3,), metres, of a row's building may be said to be on."""
+        first, last = np.searchsorted(self.building, [self.building[row], self.building[row] + 1])
+        storey = self.storey[first:last]
+        if storey.min() == storey.max():
+            return [int(storey[0])]
+        # What is far off in the plane is no storey there.
+        off = np.abs(self.positions[first:last, :2] - point[:2])
+        near: NDArray[np.bool_] = off.max(axis=1) <= MATCH_RADIUS_M
+        near[row - first] = True
+        return storeys_at(point, self.positions[first:last][near], storey[near].astype(np.int64))
 
     def kinds(self, classes: Ints) -> tuple[Ints32, Ints32]:
         """(n,) a small number for each of some classes, and (C,) the same number by class; -1 for all other classes."""
