@@ -70,7 +70,11 @@ def print_brief(matches: PlaceMatches, asked: str, reason: str, explanation: Exp
     if explanation is None:
         return
     order = sorted(explanation.methods, key=_precedence)
-    head("BECAUSE", "; ".join(_because(said) for said in _spoken(order)) or "no object counted")
+    other = explanation.why_not
+    if other is not None and other.evidence is not None:  # the explainers speak of the place asked for
+        head("BECAUSE", f"{_nats(_of_classes(other.evidence[1]))} nats (layout, which decided)")
+    elif other is None:
+        head("BECAUSE", "; ".join(_because(said) for said in _spoken(order)) or "no object counted")
     if explanation.why_not is not None:
         _print_why_not(explanation.why_not, explanation, NAMED)
     else:
@@ -94,8 +98,19 @@ def _spoken(order: Sequence[MethodAttributions]) -> list[MethodAttributions]:
 def _because(said: MethodAttributions) -> str:
     if said.method != LAYOUT:
         return f"{said.method}: {_shares(said.classes)}"
-    nats = ", ".join(f"{of.class_} {of.score:+.1f}" for of in said.classes[:NAMED])
-    return f"{nats} nats (layout, which decided)"
+    return f"{_nats([(of.class_, of.score) for of in said.classes])} nats (layout, which decided)"
+
+
+def _nats(classes: Sequence[tuple[str, float]]) -> str:
+    return ", ".join(f"{name} {score:+.1f}" for name, score in classes[:NAMED])
+
+
+def _of_classes(evidence: PlaceEvidence) -> list[tuple[str, float]]:
+    """Class -> what its objects, seen and missed, add at a place; the largest first."""
+    total: dict[str, float] = {}
+    for of in (*evidence.objects, *evidence.missed):
+        total[of.class_] = total.get(of.class_, 0.0) + of.score
+    return sorted(total.items(), key=lambda item: (-abs(item[1]), item[0]))
 
 
 def _shares(classes: Sequence[ClassAttribution]) -> str:

@@ -178,7 +178,9 @@ def test_why_not_is_asked_of_what_decides_object_by_object(capsys) -> None:
         ),
     )
     print_brief(answer(), "asked: place q", "", asked)
-    lines = capsys.readouterr().out.split("WHY NOT  ")[1].splitlines()
+    out = capsys.readouterr().out
+    assert "BECAUSE  chair +4.2 nats (layout, which decided)\n" in out, "of the answer, not of the place asked for"
+    lines = out.split("WHY NOT  ")[1].splitlines()
     assert lines[0] == "office, place p0: -2.2 nats, against 4.2 of office, place p86"
     assert [line.strip() for line in lines[1:]] == [
         "saw chair o1: +0.0 here, +4.2 there (as O3)",
