@@ -47,9 +47,9 @@ def written_in(frame: Frame, graph: GraphArrays) -> GraphArrays:
     )
 
 
-def turned(graph: GraphArrays, rng: np.random.Generator) -> GraphArrays:
-    """The same building in a frame of its own (`any_frame`)."""
-    return written_in(any_frame(rng), graph)
+def true_yaw(frame: Frame, walk: Walk, step: int) -> float:
+    """The turn from a walk's frame, as it is at a step and written in another frame, to the building's, radians."""
+    return -(frame.yaw + walk.frame(step).yaw)
 
 
 def fragments_along(walk: Walk, steps: Ints, verifier: LayoutVerifier, rng: np.random.Generator) -> list[Fragment]:

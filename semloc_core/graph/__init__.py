@@ -25,7 +25,7 @@ if TYPE_CHECKING:
         number_of,
         union,
     )
-    from semloc_core.graph.node_ids import full_id, short_id
+    from semloc_core.graph.node_ids import INDEX_BITS, full_id, node_number, short_id
     from semloc_core.graph.repair import mend
     from semloc_core.graph.resample import carried_sightings, nearest_parents, place_spacing, resample_places
     from semloc_core.graph.scene_graph import Change, SceneGraph
@@ -35,10 +35,10 @@ else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "Ages", "Change", "DriftMeter", "Floats", "GraphArrays", "GraphDeltas", "Ints", "LARGEST_ID", "Labels",
-    "Labelspace", "Outcome", "Reading", "SHIFT_M", "SceneGraph", "TURN_RAD", "UpdateStream", "Visibility", "Way",
-    "advice", "all_numbers", "all_unknown", "ball", "carried_sightings", "count_unknown", "full_id", "is_nameless",
-    "labelspace_from_hydra", "lacks", "listed", "load_labelspace", "many_balls", "mend", "nearest_parents",
-    "number_of", "object_distances", "place_spacing", "ranges", "read_graph", "resample_places", "separate",
-    "short_id", "storey_at", "storeys_at", "storeys_of", "union", "visible_pairs",
+    "Ages", "Change", "DriftMeter", "Floats", "GraphArrays", "GraphDeltas", "INDEX_BITS", "Ints", "LARGEST_ID",
+    "Labels", "Labelspace", "Outcome", "Reading", "SHIFT_M", "SceneGraph", "TURN_RAD", "UpdateStream", "Visibility",
+    "Way", "advice", "all_numbers", "all_unknown", "ball", "carried_sightings", "count_unknown", "full_id",
+    "is_nameless", "labelspace_from_hydra", "lacks", "listed", "load_labelspace", "many_balls", "mend",
+    "nearest_parents", "node_number", "number_of", "object_distances", "place_spacing", "ranges", "read_graph", "resample_places",
+    "separate", "short_id", "storey_at", "storeys_at", "storeys_of", "union", "visible_pairs",
 ]  # fmt: skip

@@ -11,6 +11,11 @@ _SHORT = re.compile(r"([A-Za-z])\(?(\d{1,17})\)?")
 _LETTERS = range(ord("A"), ord("z") + 1)
 
 
+def node_number(letter: str, index: int) -> int:
+    """The 64-bit id of the ``index``-th node of a kind; the index is below 2 to the `INDEX_BITS`."""
+    return ord(letter) << INDEX_BITS | index
+
+
 def short_id(id_: str) -> str:
     """``p86`` of a 64-bit id with a letter; any other id as it is."""
     if id_.isascii() and id_.isdigit() and len(id_) <= 20:
@@ -35,7 +40,7 @@ def full_id(text: str, known: Container[str]) -> str:
         return text
     found = _SHORT.fullmatch(text)
     if found is not None and int(found[2]) < 1 << INDEX_BITS:
-        long = str(ord(found[1]) << INDEX_BITS | int(found[2]))
+        long = str(node_number(found[1], int(found[2])))
         if long in known:
             return long
     return text

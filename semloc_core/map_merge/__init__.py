@@ -10,11 +10,11 @@ if TYPE_CHECKING:
     from semloc_core.map_merge.merging import Merged, merge
     from semloc_core.map_merge.sides import Side
     from semloc_core.map_merge.store import embed_again, map_weights, merge_into, propose, put_building, side, undo
-    from semloc_core.map_merge.transform import Transform
+    from semloc_core.map_merge.transform import Transform, fit_transform
 else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "MergeConfig", "Merged", "Side", "Transform", "embed_again", "map_weights", "merge", "merge_into", "propose",
-    "put_building", "side", "store_edited", "undo", "with_places", "without_places",
+    "MergeConfig", "Merged", "Side", "Transform", "embed_again", "fit_transform", "map_weights", "merge", "merge_into",
+    "propose", "put_building", "side", "store_edited", "undo", "with_places", "without_places",
 ]  # fmt: skip

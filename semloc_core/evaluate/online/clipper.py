@@ -21,6 +21,7 @@ import numpy as np
 from msgspec import Meta
 
 from semloc_core.graph import Floats, Ints
+from semloc_core.map_merge import Transform, fit_transform
 from semloc_core.text import short_repr
 
 _FAINT = 1e-9
@@ -48,22 +49,14 @@ class Registration:
         seen: (k,) indices of the seen objects that were chosen.
         mapped: (k,) the mapped object of each.
         score: the relaxation's value, about the number of mutually consistent pairs.
-        yaw: radians: the seen frame turned by it is parallel to the map's.
-        shift: (3,) metres: a seen point, turned, plus this lies in the map.
+        transform: from the seen frame into the map's.
 
     """
 
     seen: Ints
     mapped: Ints
     score: float
-    yaw: float
-    shift: Floats
-
-    def apply(self, points: Floats) -> Floats:
-        """(…, 3) points of the seen frame, in the map's, metres."""
-        c, s = np.cos(self.yaw), np.sin(self.yaw)
-        turned: Floats = points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + self.shift
-        return turned
+    transform: Transform
 
 
 def register(
@@ -92,8 +85,7 @@ def register(
     if len(chosen) < 2:
         return None
     i, j = i[chosen], j[chosen]
-    yaw, shift = upright_fit(seen[i], mapped[j])
-    return Registration(i, j, score, yaw, shift)
+    return Registration(i, j, score, fit_transform(seen[i], mapped[j], np.ones(len(i))))
 
 
 def affinities(first: Floats, second: Floats, config: ClipperConfig) -> Floats:
@@ -149,15 +141,6 @@ def densest(affinity: Floats, config: ClipperConfig | None = None) -> tuple[Ints
         penalty += more
     size = min(round(value), len(weight))
     return np.sort(np.argsort(-np.round(weight, 9), kind="stable")[:size]), value
-
-
-def upright_fit(points: Floats, targets: Floats) -> tuple[float, Floats]:
-    """Turn about z and (3,) shift that bring (k, 3) points to (k, 3) targets, in least squares (Umeyama 1991)."""
-    a, b = points.mean(axis=0), targets.mean(axis=0)
-    x, y = (points - a)[:, :2] @ (1, 1j), (targets - b)[:, :2] @ (1, 1j)
-    yaw = float(np.angle((np.conj(x) * y).sum()))
-    c, s = np.cos(yaw), np.sin(yaw)
-    return yaw, b - a @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _distances(points: Floats) -> Floats:

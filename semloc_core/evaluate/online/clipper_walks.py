@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from semloc_core import metrics
 from semloc_core.evaluate.online.answers import OnlineWalk, by_chance, steps_at, verdict
-from semloc_core.evaluate.online.clipper import ClipperConfig, register, upright_fit
+from semloc_core.evaluate.online.clipper import ClipperConfig, register
 from semloc_core.evaluate.online.verified import groups_of, success_rows
 from semloc_core.evaluate.relocalise import Arena
-from semloc_core.evaluate.verified_answers import turned
+from semloc_core.evaluate.verified_answers import any_frame, true_yaw, written_in
 from semloc_core.graph import Floats, GraphArrays
 from semloc_core.metrics import Progress, Row, no_progress
 
@@ -50,17 +50,16 @@ def judge_clipper(
     for i, path in enumerate(paths):
         progress(i, len(paths), METHOD)
         at = steps_at(path.walk, scopes_m)
-        moved = replace(path.walk, graph=turned(path.walk.graph, np.random.default_rng([seed, i])))
+        frame = any_frame(np.random.default_rng([seed, i]))
         best = np.full(right.shape[1:], -1, dtype=np.int64)
-        truth = upright_fit(moved.graph.place_positions, path.walk.positions)[0]
         for k, step in enumerate(at.tolist()):
-            part, place = moved.part(step)
-            found = _answers(arena, part, place, config)[: best.shape[1]]
+            part, place = path.walk.part(step)
+            found = _answers(arena, written_in(frame, part), place, config)[: best.shape[1]]
             best[k, : len(found)] = [row for _, row, _, _ in found]
             if found:
                 _, _, where, yaw = found[0]
-                off = np.angle(np.exp(1j * (yaw - truth)))
-                error[i, k] = np.linalg.norm(where - path.walk.truth()[step]), np.degrees(np.abs(off))
+                off = math.remainder(yaw - true_yaw(frame, path.walk, step), 2 * math.pi)
+                error[i, k] = np.linalg.norm(where - path.walk.truth()[step]), math.degrees(abs(off))
         right[i] = verdict(arena, path, at, best, radius_m)
         chance[i] = by_chance(arena, path, at, radius_m)
     keys: Row = {"method": METHOD, "filter": "none", "home": "any"}
@@ -83,8 +82,8 @@ def _answers(
         mapped = home.object_classes >= 0
         fit = register(seen, classes, home.object_positions[mapped], home.object_classes[mapped], config)
         if fit is not None:
-            where = fit.apply(part.place_positions[place])
+            where = fit.transform.apply(part.place_positions[place : place + 1])[0]
             row = first + int(np.linalg.norm(home.place_positions - where, axis=1).argmin())
-            found.append((fit.score, row, where, fit.yaw))
+            found.append((fit.score, row, where, fit.transform.yaw))
         first += home.n_places
     return sorted(found, key=lambda answer: (-round(answer[0], 6), answer[1]))

@@ -11,7 +11,14 @@ from semloc_core.encoding import Model, embed_graph, similarity_matrix
 from semloc_core.evaluate.online.answers import Bools, OnlineWalk, believed, by_chance, steps_at, verdict
 from semloc_core.evaluate.online.fragments import answered, embed_walk, surroundings_along
 from semloc_core.evaluate.relocalise import Arena
-from semloc_core.evaluate.verified_answers import add_error, any_frame, fragments_along, reranked, verified_evidence
+from semloc_core.evaluate.verified_answers import (
+    add_error,
+    any_frame,
+    fragments_along,
+    reranked,
+    true_yaw,
+    verified_evidence,
+)
 from semloc_core.graph import Floats, Ints
 from semloc_core.matching import LayoutVerifier, Placed
 from semloc_core.metrics import PoseErrors, Row, accepted_share, expected_calibration_error
@@ -73,10 +80,10 @@ def judge_online_layout(
         places_found: list[Placed | None] = []
         best = reranked(verifier, chosen, similarity[rows], chances=sure[i], places=places_found)
         right["none", "any"][i] = verdict(arena, path, at, best, radius_m)
-        turned = any_frame(np.random.default_rng([seed, i])).yaw
+        frame = any_frame(np.random.default_rng([seed, i]))
         for k in np.flatnonzero(right["none", "any"][i][:, 0]).tolist():
             step = int(at[k])
-            yaw = -(turned + path.walk.frame(step).yaw)
+            yaw = true_yaw(frame, path.walk, step)
             add_error(errors[k], places_found[k], chosen[k], path.walk.truth()[step], yaw)
         best = reranked(verifier, chosen, similarity[rows], at_home)
         right["none", "known"][i] = verdict(arena, path, at, best, radius_m)

@@ -11,6 +11,7 @@ from typing import TypeVar
 import msgspec
 
 from semloc_core.errors import FileFormatError
+from semloc_core.graph import INDEX_BITS, node_number
 from semloc_core.text import short_repr
 from semloc_core.wire import one_line
 
@@ -260,7 +261,7 @@ def id_number(value: int | float | str) -> int | None:
         symbol = _SYMBOL.fullmatch(text)
         if symbol is not None:
             prefix, index = (symbol[1], symbol[2]) if symbol[1] else (symbol[3], symbol[4])
-            return ord(prefix) << 56 | int(index) if int(index) < 2**56 else None
+            return node_number(prefix, int(index)) if int(index) < 1 << INDEX_BITS else None
         if not (text.isascii() and text.isdigit() and len(text) <= 20):
             return None
         value = int(text)

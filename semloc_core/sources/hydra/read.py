@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from semloc_core.errors import ConfigError, FileFormatError, LabelspaceError
-from semloc_core.graph import LARGEST_ID, Labelspace, Reading, SceneGraph, mend
+from semloc_core.graph import INDEX_BITS, LARGEST_ID, Labelspace, Reading, SceneGraph, mend
 from semloc_core.sources.hydra.format import (
     AGENT_TYPE,
     OBJECT_TYPES,
@@ -38,7 +38,7 @@ logger = logging.getLogger(__name__)
 
 def robot_of(node: str) -> str:
     """The robot that an agent's node id names: the letter in its top byte, or that byte's number."""
-    prefix = int(node or 0) >> 56
+    prefix = int(node or 0) >> INDEX_BITS
     return chr(prefix) if 32 < prefix < 127 else str(prefix)
 
 

@@ -11,7 +11,7 @@ import msgspec
 
 from semloc_core.errors import FileFormatError
 from semloc_core.files import write_whole
-from semloc_core.graph import Labelspace, SceneGraph
+from semloc_core.graph import INDEX_BITS, Labelspace, SceneGraph, node_number
 from semloc_core.sources.hydra.format import OBJECT_LABELSPACE
 from semloc_core.text import short_repr
 from semloc_core.wire import Object, Position
@@ -20,7 +20,7 @@ OBJECTS, PLACES, ROOMS, BUILDINGS = 2, 3, 4, 5
 UNLABELLED = 2**32 - 1
 IDENTITY = {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}
 BLACK = {"a": 255, "b": 0, "g": 0, "r": 0}
-LARGEST_INDEX = 2**56 - 1
+LARGEST_INDEX = (1 << INDEX_BITS) - 1
 
 
 @short_repr
@@ -43,7 +43,7 @@ def node_id(prefix: str, index: int) -> str:
     """
     if not (len(prefix) == 1 and prefix.isascii() and 0 <= index <= LARGEST_INDEX):
         raise ValueError(f"expected one ASCII character and an index of 56 bits (got {prefix!r}, {index})")
-    return str(ord(prefix) << 56 | index)
+    return str(node_number(prefix, index))
 
 
 def write_hydra(

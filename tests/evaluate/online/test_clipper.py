@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from semloc_core.evaluate.online.clipper import ClipperConfig, affinities, densest, register, upright_fit
+from semloc_core.evaluate.online.clipper import ClipperConfig, affinities, densest, register
+from semloc_core.map_merge import fit_transform
 
 
 def turned(points: np.ndarray, yaw: float, shift: tuple[float, float, float]) -> np.ndarray:
@@ -25,8 +26,8 @@ def test_a_turned_and_shifted_set_is_laid_back_whatever_is_strange_in_it(yaw):
     assert {(i, j) for i, j in zip(found.seen.tolist(), found.mapped.tolist(), strict=True) if i < 12} == {
         (i, i) for i in range(12)
     }
-    np.testing.assert_allclose(found.apply(seen), mapped[:12], atol=0.25)
-    assert np.cos(found.yaw + yaw) > 0.999
+    np.testing.assert_allclose(found.transform.apply(seen), mapped[:12], atol=0.25)
+    assert np.cos(found.transform.yaw + yaw) > 0.999
 
 
 def test_a_large_consistent_set_is_found_among_chance_ones_and_no_two_of_it_contradict_one_another():
@@ -63,6 +64,6 @@ def test_fewer_than_two_consistent_pairs_are_no_pose():
 def test_the_fit_is_the_least_squares_one():
     rng = np.random.default_rng(1)
     points = rng.normal(size=(30, 3))
-    yaw, shift = upright_fit(points, turned(points, 0.7, (1.0, 2.0, 3.0)))
-    assert yaw == pytest.approx(0.7)
-    np.testing.assert_allclose(shift, (1.0, 2.0, 3.0), atol=1e-9)
+    found = fit_transform(points, turned(points, 0.7, (1.0, 2.0, 3.0)), np.ones(30))
+    assert found.yaw == pytest.approx(0.7)
+    np.testing.assert_allclose(found.translation, (1.0, 2.0, 3.0), atol=1e-9)

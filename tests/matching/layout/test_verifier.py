@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from semloc_core.evaluate.verified_answers import layout_verifier, turned
+from semloc_core.evaluate.verified_answers import any_frame, layout_verifier, written_in
 from semloc_core.matching.layout import LayoutVerifier, fragment_of_arrays
 from semloc_core.matching.layout.confidence import FEATURES, confidence, features, masses, shipped_calibration
 
@@ -24,7 +24,7 @@ def test_a_second_run_finds_itself_whatever_its_frame(homes, verifier):
     again = homes[1]
     right = []
     for building, graph in enumerate(again):
-        frame = turned(graph, np.random.default_rng(building))
+        frame = written_in(any_frame(np.random.default_rng(building)), graph)
         for place in range(0, graph.n_places, 29):
             found = ask(verifier, frame, place)[1]
             at = verifier.mapped.positions[found.rows[0]]
