@@ -21,6 +21,7 @@ from semloc_core.matching import (
 )
 from semloc_core.metrics import PoseErrors
 from semloc_core.sources import Bools, Frame, Walk
+from semloc_core.text import short_repr
 from semloc_core.tracking import FrameFilter
 
 Similarities = NDArray[np.float32]
@@ -63,6 +64,7 @@ def fragments_along(walk: Walk, steps: Ints, verifier: LayoutVerifier, rng: np.r
     return found
 
 
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Past:
     """A filter that sees answer after answer.
