@@ -4,6 +4,7 @@ import pytest
 from small_building import building_update, make_map, make_model
 
 import semloc_core.fleet.open_map
+from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import MapError
 from semloc_core.fleet.large_file import LargeMapLocaliser
@@ -11,7 +12,6 @@ from semloc_core.fleet.narrowing import ShortlistConfig
 from semloc_core.fleet.open_map import open_localiser
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import load
-from semloc_core.wire import codec as wire
 
 NAMES = [f"{site}/{i}" for site in ("hq", "lab") for i in range(4)]
 

@@ -19,7 +19,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from semloc_core.errors import GraphError
 from semloc_core.graph.geodesic import ball
 from semloc_core.graph.scene_graph import Change, SceneGraph
-from semloc_core.wire.codec import Object, Place, SceneGraphUpdate
+from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 ROW = [Place("a", (0.0, 0.0, 0.0)), Place("b", (3.0, 4.0, 0.0)), Place("c", (3.0, 4.0, 2.0))]
 CHAIR = Object("x", "chair", (1.0, 1.0, 0.0))

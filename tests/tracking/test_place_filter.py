@@ -10,7 +10,7 @@ from small_building import SPACE, building_update
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.matching.observation import Surroundings, surroundings
 from semloc_core.tracking.place_filter import NEIGHBOUR_M, FilterConfig, PlaceFilter, map_model
-from semloc_core.wire.codec import Object, Place, SceneGraphUpdate
+from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 LENGTH = 30
 NOTHING = np.zeros(2 * LENGTH, dtype=np.float32)

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from small_building import building_update, delta, make_map, make_model
 
+from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import MapError
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
-from semloc_core.wire import codec as wire
 
 BAYES = LocaliserConfig(filter="bayes", explain_rate_hz=0.0)
 
