@@ -24,7 +24,7 @@ from semloc_core.fleet.milvus.rows import (
     unpack,
 )
 from semloc_core.fleet.milvus.server import MAX_ROWS, NoCollectionError, Server
-from semloc_core.map_database import MAX_BUILDINGS, PlaceRows, StoredBuilding
+from semloc_core.map_database import MAX_BUILDINGS, PlaceRows, StoredBuilding, unknown_building
 from semloc_core.text import short_repr
 
 _PIECES_AT_ONCE = 256  # 16 MiB of text
@@ -253,5 +253,4 @@ def current(read: Callable[[], State], again: Callable[[], State], building: str
     for state in (read(), again()):
         if building in state.pointers:
             return state.pointers[building]
-    known = ", ".join(list(state.pointers)[:8]) + (", …" if len(state.pointers) > 8 else "")
-    raise MapError(f"expected one of the map's buildings: {known or 'none'} (got {building!r})")
+    raise unknown_building(building, list(state.pointers))
