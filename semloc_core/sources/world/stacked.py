@@ -16,7 +16,7 @@ from semloc_core.sources.world.furniture import Item
 from semloc_core.sources.world.kinds import ATTEMPTS, BuildingKind, draw_config
 from semloc_core.sources.world.office import OfficeConfig, World, furnished, laid_out
 from semloc_core.sources.world.second_run import SecondRun, detect
-from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
+from semloc_core.wire import Object, Place, Position
 
 STEPS = 5
 """Places on a flight of stairs."""
@@ -98,20 +98,7 @@ def stack(floors: Sequence[World], stairs: Sequence[tuple[float, float]], rise_m
             places.append(Place(way[-1], (float(at[0]), float(at[1]), float(at[2]))))
         way.append(number[k + 1][head])
         edges += list(pairwise(way))
-    graph = SceneGraph.from_update(
-        SceneGraphUpdate(
-            schema="semloc/scene_graph_update/1",
-            stamp_ns=0,
-            frame_id="map",
-            seq=0,
-            full=True,
-            places=places,
-            objects=objects,
-            edges=edges,
-            query_place=None,
-        )
-    )
-    return World(graph, rooms, floors[0].labelspace)
+    return World(SceneGraph.of(places, objects, edges), rooms, floors[0].labelspace)
 
 
 def _floor(kind: BuildingKind, rng: np.random.Generator) -> tuple[OfficeConfig, FloorPlan, list[Item]]:
