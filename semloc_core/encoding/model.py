@@ -13,7 +13,8 @@ import torch
 from numpy.typing import NDArray
 
 from semloc_core.encoding import checkpoint, place_graph
-from semloc_core.encoding.encoder import Encoder, build_encoder
+from semloc_core.encoding.encoder import build_encoder
+from semloc_core.encoding.encoder.base import Encoder
 from semloc_core.encoding.place_graph import Batch
 from semloc_core.errors import ConfigError, ModelError
 from semloc_core.files import write_whole

@@ -141,7 +141,7 @@ BAD = {
     "sighting of a place": (update(sightings=[("a", "b")]), "sighting [place, object]"),
     "sighting the wrong way round": (update(sightings=[("x", "a")]), "sighting [place, object]"),
     "sighting of nothing": (update(sightings=[("a", "zz")]), "sighting [place, object]"),
-    "unknown query place": (update(query_place="zz"), "query_place to be a place of the graph (got 'zz')"),
+    "unknown query place": (update(query_place="zz"), "query_place to be a place of the graph (got 'zz', unknown)"),
     "query at an object": (update(query_place="x"), "got 'x'"),
     "query place removed here": (update(query_place="a", removed_nodes=["a"]), "got 'a'"),
     "full, edge to a node of the graph before": (
