@@ -18,6 +18,12 @@ from semloc_core.errors import ConfigError
 MATCH_RADIUS_M = 4.0
 """Two places within this distance are one answer (paper, section IV-B2: the matching radius)."""
 
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+Spread = Annotated[float, Meta(ge=0.0, le=100.0)]
+"""A standard deviation, or a factor on one."""
+Some = Annotated[float, Meta(gt=0.0, le=1000.0)]
+"""How far or how often: more than nothing."""
+
 
 class LocaliserConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Options of `semloc_core.localiser.Localiser`; each field's metadata says what it is and its range."""
@@ -101,9 +107,13 @@ def options(struct: type[msgspec.Struct]) -> list[Option]:
     defaults = struct()
     found = []
     for name in struct.__struct_fields__:
-        hint, meta = hints[name], Meta()
+        hint, metas = hints[name], []
         if get_origin(hint) is Annotated:
-            hint, meta = get_args(hint)[0], get_args(hint)[1]
+            hint, *metas = get_args(hint)
+        description, minimum, maximum = (
+            next((value for meta in metas if (value := getattr(meta, what)) is not None), None)
+            for what in ("description", "ge", "le")
+        )
         choices = tuple(get_args(hint)) if get_origin(hint) is Literal else ()
         hint = get_origin(hint) or hint
         found.append(
@@ -111,9 +121,9 @@ def options(struct: type[msgspec.Struct]) -> list[Option]:
                 name=name,
                 type=str if choices else hint,
                 default=getattr(defaults, name),
-                description=meta.description or "",
-                minimum=meta.ge,
-                maximum=meta.le,
+                description=description or "",
+                minimum=minimum,
+                maximum=maximum,
                 choices=choices,
             )
         )

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from hypothesis import strategies as st
 
 from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.wire.codec import Object, Place, SceneGraphUpdate
+from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 PLACES = tuple(f"p{i}" for i in range(7))
 OBJECTS = tuple(f"o{i}" for i in range(4))

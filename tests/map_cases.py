@@ -15,7 +15,7 @@ from semloc_core.graph.arrays import GraphArrays
 from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.map_database import LoadedMap, MapDatabase
-from semloc_core.wire.codec import Object, Place, SceneGraphUpdate
+from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 ONE_LINE = r"^(/[^\n]*: )?expected [^\n]* \(got [^\n]*\)$"
 LABELS = Labelspace("test", ("chair", "table", "plant"))

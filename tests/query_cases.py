@@ -7,7 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from semloc_core.encoding.encoder import Encoder, PaperEncoder, build_encoder
+from semloc_core.encoding import Encoder, PaperEncoder, build_encoder
 from semloc_core.encoding.encoder.paper.encoder import PaperConfig
 from semloc_core.encoding.place_graph import Batch
 from semloc_core.encoding.variants.perturbed import NODES_AT_ONCE

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from small_building import CLASSES, building_update, make_map, make_model
 
+from semloc_core import wire
 from semloc_core.map_database import LoadedMap
 from semloc_core.sources.bag import GROUND_TRUTH_TOPIC, BagWriter
-from semloc_core.wire import codec as wire
 
 STEP_NS = 500_000_000
 

@@ -10,7 +10,7 @@ from semloc_core.graph.arrays import GraphArrays
 from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.map_database import LoadedMap, MapDatabase, load
-from semloc_core.wire.codec import Object, Place, SceneGraphUpdate
+from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 CLASSES = ("chair", "couch", "plant", "painting")
 SPACE = Labelspace("test", CLASSES)

@@ -15,12 +15,12 @@ import pytest
 from hypothesis import given, settings
 from small_building import CLASSES, building_update, make_map, make_model
 
+from semloc_core import wire
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
 from semloc_core.errors import GraphError, MessageError
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
-from semloc_core.wire import codec as wire
-from semloc_core.wire.codec import Object, Place, SceneGraphUpdate
+from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 EXAMPLES = int(os.environ.get("SEMLOC_SOAK", "0")) or 40  # set by `make soak`
 ROUNDED = 2e-6

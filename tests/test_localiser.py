@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from small_building import SPACE, building_update, delta, make_map, make_model
 
+from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.encoding.model import embed_graph
 from semloc_core.errors import GraphError, MessageError, SemlocError
@@ -16,7 +17,6 @@ from semloc_core.graph.changes.stream import Outcome
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import MapDatabase, load
 from semloc_core.sources.world import KINDS, draw_pair
-from semloc_core.wire import codec as wire
 
 
 @pytest.fixture(scope="module", params=["paper", "rings", "bag_of_words"])

@@ -11,6 +11,7 @@ import pytest
 import torch
 from small_building import CLASSES, SPACE, building_update, delta, make_map, make_model
 
+from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.encoding.encoder import ENCODERS
 from semloc_core.encoding.model import embed_batch
@@ -18,8 +19,7 @@ from semloc_core.encoding.place_graph import Batch, extract
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.graph.visibility import Visibility
 from semloc_core.localiser import Localiser
-from semloc_core.wire import codec as wire
-from semloc_core.wire.codec import Object, Place, SceneGraphUpdate
+from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 CLOSE = 1e-5
 LEARNED = [name for name in ENCODERS if name not in ("bag_of_words", "tfidf", "histogram")]
@@ -88,7 +88,7 @@ def test_the_number_of_threads_does_not_matter(tmp_path):
     program = f"""
 import sys, torch
 torch.set_num_threads(int(sys.argv[1]))
-from semloc_core.wire import codec as wire
+from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import load

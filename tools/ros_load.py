@@ -45,7 +45,7 @@ CORE = """
 import json, sys, time
 import torch
 torch.set_num_threads(1)
-from semloc_core.wire import codec as wire
+from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import load

@@ -21,7 +21,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from semloc_core.errors import ModelError
+from semloc_core.errors import LabelspaceError, ModelError
 from semloc_core.graph import Labelspace
 
 VERSION = 1
@@ -37,33 +37,6 @@ NPY_ERRORS = (ValueError, SyntaxError, TokenError, TypeError, LookupError, Recur
 Array = NDArray[Any]
 
 
-class LabelspaceRecord(msgspec.Struct, frozen=True):
-    """A labelspace in full, as the header holds it."""
-
-    name: str
-    classes: tuple[str, ...]
-    ids: dict[str, tuple[int, ...]]
-    mobility: dict[str, float]
-    synonyms: dict[str, str]
-    default_mobility: float
-
-    @classmethod
-    def of(cls, labelspace: Labelspace) -> LabelspaceRecord:
-        """Record of a labelspace."""
-        return cls(
-            labelspace.name,
-            labelspace.classes,
-            {name: tuple(ids) for name, ids in labelspace.ids.items()},
-            dict(labelspace.mobility),
-            dict(labelspace.synonyms),
-            labelspace.default_mobility,
-        )
-
-    def labelspace(self) -> Labelspace:
-        """The labelspace of a record."""
-        return Labelspace(self.name, self.classes, self.ids, self.mobility, self.synonyms, self.default_mobility)
-
-
 class Header(msgspec.Struct, frozen=True):
     """Everything of a model but its tensors."""
 
@@ -71,7 +44,7 @@ class Header(msgspec.Struct, frozen=True):
     version: int
     encoder: Annotated[str, Meta(pattern="^[a-z0-9_]{1,64}$")]
     config: dict[str, Any]
-    labelspace: LabelspaceRecord
+    labelspace: Labelspace
     seed: int
     temperature: float
     provenance: dict[str, Any]
@@ -175,7 +148,7 @@ def _header(text: bytes) -> Header:
         if version > VERSION:
             raise ModelError(f"expected a model of version {VERSION} or earlier (got {version})")
         return msgspec.json.decode(text, type=Header)
-    except (msgspec.ValidationError, msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
+    except (msgspec.ValidationError, msgspec.DecodeError, RecursionError, UnicodeDecodeError, LabelspaceError) as error:
         raise ModelError(f"expected the header of a semloc model (got {one_line(error)})") from error
 
 

@@ -13,9 +13,10 @@ import torch
 from numpy.typing import NDArray
 
 from semloc_core.encoding import checkpoint, place_graph
-from semloc_core.encoding.encoder import Encoder, build_encoder
+from semloc_core.encoding.encoder import build_encoder
+from semloc_core.encoding.encoder.base import Encoder
 from semloc_core.encoding.place_graph import Batch
-from semloc_core.errors import ConfigError, LabelspaceError, ModelError
+from semloc_core.errors import ConfigError, ModelError
 from semloc_core.files import write_whole
 from semloc_core.graph import GraphArrays, Labelspace
 from semloc_core.text import short_repr
@@ -70,7 +71,7 @@ class Model:
             version=checkpoint.VERSION,
             encoder=self.encoder.name,
             config=msgspec.to_builtins(self.encoder.config),
-            labelspace=checkpoint.LabelspaceRecord.of(self.labelspace),
+            labelspace=self.labelspace,
             seed=self.seed,
             temperature=self.temperature,
             provenance=self.provenance,
@@ -89,10 +90,9 @@ class Model:
         """
         header, members = checkpoint.unpack(data, max_bytes)
         try:
-            labelspace = header.labelspace.labelspace()
             with torch.device("meta"):  # shapes without memory: a header can claim any size
-                encoder = build_encoder(header.encoder, header.config, len(labelspace))
-        except (ConfigError, LabelspaceError) as error:
+                encoder = build_encoder(header.encoder, header.config, len(header.labelspace))
+        except ConfigError as error:
             raise ModelError(f"expected a model to build (got: {checkpoint.one_line(error)})") from error
         wanted = encoder.state_dict()
         if missing := wanted.keys() - members.keys():
@@ -107,7 +107,7 @@ class Model:
             raise ModelError("expected variances of at least 0 (got a negative one)")
         encoder.load_state_dict({name: torch.from_numpy(array) for name, array in tensors.items()}, assign=True)
         encoder.eval()
-        model = cls(encoder, labelspace, header.seed, header.temperature, header.provenance)
+        model = cls(encoder, header.labelspace, header.seed, header.temperature, header.provenance)
         if (found := model.hash) != header.hash:
             raise ModelError(f"expected content of hash {header.hash} (got {found})")
         return model

@@ -18,13 +18,12 @@ if TYPE_CHECKING:
     from semloc_core.fleet.open_map import open_localiser
     from semloc_core.fleet.source import Nearest
     from semloc_core.fleet.writing.database import FleetDatabase
-    from semloc_core.fleet.writing.info import describe_server_map
     from semloc_core.fleet.writing.transfer import pull, push
 else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "FileSource", "FleetDatabase", "FleetLocaliser", "Holdings", "INDEX_KINDS", "Link", "LoadedSource",
-    "MilvusAddress", "MilvusSource", "Nearest", "Server", "ShortlistConfig", "describe_server_map", "is_address",
-    "map_exists", "open_localiser", "parse_address", "pull", "push", "shortlist",
+    "FileSource", "FleetDatabase", "FleetLocaliser", "Holdings", "INDEX_KINDS", "Link", "LoadedSource", "MilvusAddress",
+    "MilvusSource", "Nearest", "Server", "ShortlistConfig", "is_address", "map_exists", "open_localiser",
+    "parse_address", "pull", "push", "shortlist",
 ]  # fmt: skip

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from semloc_core.encoding import Model
 from semloc_core.errors import MapError
 from semloc_core.fleet.source import BuildingEntry, Catalogue, Fetched, Nearest
-from semloc_core.map_database import LoadedMap, PlaceRows, building_digest, load, read, read_meta, unpack_history
+from semloc_core.map_database import LoadedMap, building_digest, load, read, read_meta, unpack_history
 
 
 class LoadedSource:
@@ -49,9 +49,8 @@ class LoadedSource:
 
     def fetch(self, building: str) -> Fetched:
         """One building of the state that `catalogue` told of last."""
-        rows = self._map.rows_of(building)
-        stored = self._map.stored[self._map.buildings.index(building)]
-        return Fetched(self._catalogue.buildings[building], stored, _places(self._map, rows))
+        stored, places = self._map.building(building)
+        return Fetched(self._catalogue.buildings[building], stored, places)
 
     def close(self) -> None:
         """Nothing is held open."""
@@ -80,14 +79,9 @@ class FileSource(LoadedSource):
         return self._catalogue
 
 
-def _places(map_: LoadedMap, rows: slice) -> PlaceRows:
-    return PlaceRows(map_.place_ids[rows], map_.positions[rows], map_.embeddings[rows])
-
-
 def _catalogue_of(map_: LoadedMap) -> Catalogue:
     entries = {}
-    for stored in map_.stored:
-        places = _places(map_, map_.rows_of(stored.name))
+    for stored, places in map(map_.building, [each.name for each in map_.stored]):
         digest = building_digest(places, stored.frame_id, stored.graph.digest, stored.history)
         changes = unpack_history(stored.history).classes
         entries[stored.name] = BuildingEntry(

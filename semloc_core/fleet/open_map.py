@@ -45,9 +45,13 @@ def open_localiser(
         asked_for = loaded.narrowed(config.buildings)
         if asked_for.n_places <= ShortlistConfig().places:
             return Localiser(asked_for, config)
-        from semloc_core.fleet.large_file import LargeMapLocaliser
+        from semloc_core.fleet.file_source import LoadedSource
+        from semloc_core.fleet.link import Link
+        from semloc_core.fleet.localiser import LargeMapLocaliser
 
-        return LargeMapLocaliser.of(loaded, config)
+        large = LargeMapLocaliser(Link(LoadedSource(loaded), np.random.default_rng(0)), config)
+        large.refresh()
+        return large
     address = parse_address(map_)
     from semloc_core.fleet.link import Link
     from semloc_core.fleet.localiser import FleetLocaliser

@@ -17,7 +17,7 @@ from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.graph.storeys import storeys
 from semloc_core.text import short_repr
-from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
+from semloc_core.wire import Object, Place, Position
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -144,22 +144,14 @@ class GraphArrays:
         places, objects = self.place_ids, self.object_ids
         edges = [(places[a], places[b]) for a, b in self.place_edges.T.tolist()]
         links = [(places[p], objects[o]) for o, p in self.object_parents.T.tolist()]
-        return SceneGraph.from_update(
-            SceneGraphUpdate(
-                schema="semloc/scene_graph_update/1",
-                stamp_ns=0,
-                frame_id="",
-                seq=0,
-                full=True,
-                places=[Place(i, _point(x)) for i, x in zip(places, self.place_positions, strict=True)],
-                objects=[
-                    Object(i, names[c], _point(x))
-                    for i, c, x in zip(objects, self.object_classes.tolist(), self.object_positions, strict=True)
-                ],
-                edges=edges + links,
-                query_place=None,
-                sightings=[(places[p], objects[o]) for p, o in self.sightings.T.tolist()],
-            )
+        return SceneGraph.of(
+            [Place(i, _point(x)) for i, x in zip(places, self.place_positions, strict=True)],
+            [
+                Object(i, names[c], _point(x))
+                for i, c, x in zip(objects, self.object_classes.tolist(), self.object_positions, strict=True)
+            ],
+            edges + links,
+            [(places[p], objects[o]) for p, o in self.sightings.T.tolist()],
         )
 
 

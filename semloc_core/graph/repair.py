@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.wire import SceneGraphUpdate
 
 HANG_M = 4.0
 """How far from a place an object may be that is hung on it, metres."""
@@ -40,19 +39,7 @@ def hang_objects(graph: SceneGraph, objects: Iterable[str]) -> list[str]:
         nearest = min(ids[first + row] for row in np.flatnonzero(away == away.min()))
         edges.append((nearest, child))
     if edges:
-        graph.apply(
-            SceneGraphUpdate(
-                schema="semloc/scene_graph_update/1",
-                stamp_ns=0,
-                frame_id="",
-                seq=0,
-                full=False,
-                places=[],
-                objects=[],
-                edges=edges,
-                query_place=graph.query_place,
-            )
-        )
+        graph.amend(edges=edges)
     return left
 
 

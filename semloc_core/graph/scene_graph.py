@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from semloc_core.graph.geodesic import edge_length
@@ -71,6 +72,44 @@ class SceneGraph:
         graph = cls()
         graph.apply(update)
         return graph
+
+    @classmethod
+    def of(
+        cls,
+        places: Iterable[Place] = (),
+        objects: Iterable[Object] = (),
+        edges: Iterable[tuple[str, str]] = (),
+        sightings: Iterable[tuple[str, str]] = (),
+    ) -> SceneGraph:
+        """The graph of these nodes, their edges and (place, object) sightings; errors as of `apply`."""
+        graph = cls()
+        graph.amend(places, objects, edges, sightings)
+        return graph
+
+    def amend(
+        self,
+        places: Iterable[Place] = (),
+        objects: Iterable[Object] = (),
+        edges: Iterable[tuple[str, str]] = (),
+        sightings: Iterable[tuple[str, str]] = (),
+        removed_nodes: Iterable[str] = (),
+    ) -> Change:
+        """`apply` a delta of these; the query place stays."""
+        return self.apply(
+            SceneGraphUpdate(
+                schema="semloc/scene_graph_update/1",
+                stamp_ns=0,
+                frame_id="",
+                seq=0,
+                full=False,
+                places=list(places),
+                objects=list(objects),
+                edges=list(edges),
+                query_place=self.query_place,
+                sightings=list(sightings),
+                removed_nodes=list(removed_nodes),
+            )
+        )
 
     def apply(self, update: SceneGraphUpdate) -> Change:
         """Apply an update, all or nothing; a delta costs what it changes, whatever the graph's size.

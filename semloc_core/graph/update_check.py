@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Callable, Container
+from collections.abc import Container
 
-from semloc_core.errors import GraphError
-from semloc_core.wire import Object, Place, SceneGraphUpdate, one_line
+from semloc_core.errors import GraphError, MessageError
+from semloc_core.wire import Object, Place, SceneGraphUpdate, check_links, check_nodes, one_line
 
 MAX_COORDINATE_M = 1e9  # beyond it a length would not be a number that means anything
 
@@ -26,17 +25,12 @@ def check_update(update: SceneGraphUpdate, known_places: Container[str], known_o
     """
     try:
         _check(update, known_places, known_objects)
-    except GraphError as error:  # ids may be as long as a message
+    except (GraphError, MessageError) as error:  # ids may be as long as a message
         raise GraphError(one_line(str(error))) from None
 
 
 def _check(update: SceneGraphUpdate, known_places: Container[str], known_objects: Container[str]) -> None:
-    places = {place.id for place in update.places}
-    objects = {thing.id for thing in update.objects}
-    if len(places) < len(update.places) or len(objects) < len(update.objects) or places & objects:
-        counts = Counter([place.id for place in update.places] + [thing.id for thing in update.objects])
-        node, times = counts.most_common(1)[0]
-        raise GraphError(f"expected each node once in an update (got {node!r} {times} times)")
+    places, objects = check_nodes(update)
     for place in update.places:
         _check_position(place)
     for thing in update.objects:
@@ -54,32 +48,11 @@ def _check(update: SceneGraphUpdate, known_places: Container[str], known_objects
     for node in objects:
         if kept(node, known_places):
             raise GraphError(f"expected node {node!r} to stay a place (got an object)")
-
-    def is_place(node: str) -> bool:
-        return node in places or kept(node, known_places)
-
-    def is_object(node: str) -> bool:
-        return node in objects or kept(node, known_objects)
-
-    _check_links(update, is_place, is_object)
-
-
-def _check_links(update: SceneGraphUpdate, is_place: Callable[[str], bool], is_object: Callable[[str], bool]) -> None:
-    for a, b in update.edges:
-        if a == b:
-            raise GraphError(f"expected an edge between two nodes (got a self-loop of {a!r})")
-        if not (is_place(a) or is_place(b)):
-            if is_object(a) and is_object(b):
-                raise GraphError(f"expected an edge to have a place at one end (got objects {a!r} and {b!r})")
-            raise GraphError(f"expected edges between known nodes (got unknown {(b if is_object(a) else a)!r})")
-        for node in (a, b):
-            if not (is_place(node) or is_object(node)):
-                raise GraphError(f"expected edges between known nodes (got unknown {node!r})")
-    for place, seen in update.sightings:
-        if not (is_place(place) and is_object(seen)):
-            raise GraphError(f"expected a sighting [place, object] of known nodes (got [{place!r}, {seen!r}])")
-    if update.query_place is not None and not is_place(update.query_place):
-        raise GraphError(f"expected query_place to be a place of the graph (got {update.query_place!r})")
+    check_links(
+        update,
+        lambda node: node in places or kept(node, known_places),
+        lambda node: node in objects or kept(node, known_objects),
+    )
 
 
 def _check_position(node: Place | Object) -> None:

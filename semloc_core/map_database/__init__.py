@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from semloc_core.exports import exports
 
 if TYPE_CHECKING:
-    from semloc_core.map_database.building_patterns import matching_buildings
+    from semloc_core.map_database.building_patterns import matching_buildings, unknown_building
     from semloc_core.map_database.database import MapDatabase
     from semloc_core.map_database.frames import frame_of
     from semloc_core.map_database.history import (
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
         pack_history,
         unpack_history,
     )
-    from semloc_core.map_database.info import describe, describe_building, describe_meta, describe_storeys
+    from semloc_core.map_database.info import describe, describe_map
     from semloc_core.map_database.loaded import LoadedMap, StoredBuilding, Whole, assemble, load
     from semloc_core.map_database.protocols import ReadableMap, WritableMap
     from semloc_core.map_database.search.exact import ExactSearch
@@ -50,7 +50,7 @@ __all__ = [
     "MAX_BUILDINGS", "MAX_GRAPH_BYTES", "MAX_HISTORY_BYTES", "MapDatabase", "MapMeta", "Note", "ObjectBelief",
     "PackedGraph", "PlaceRows", "ReadableMap", "StoredBuilding", "Traversal", "Whole", "WritableMap", "assemble",
     "building_digest", "check_hash", "check_in_graph", "check_name", "check_places", "class_weights", "content_hash",
-    "describe", "describe_building", "describe_meta", "describe_storeys", "frame_of", "load", "matching_buildings",
-    "move_rates", "object_weights", "pack_graph", "pack_history", "publish_map", "read", "read_meta",
-    "stored_building", "unpack_graph", "unpack_history",
+    "describe", "describe_map", "frame_of", "load", "matching_buildings", "move_rates", "object_weights", "pack_graph",
+    "pack_history", "publish_map", "read", "read_meta", "stored_building", "unknown_building", "unpack_graph",
+    "unpack_history",
 ]  # fmt: skip

@@ -26,7 +26,15 @@ def matching_buildings(names: Iterable[str], patterns: Sequence[str]) -> tuple[s
     for pattern in patterns:
         fits = [name for name in known if fnmatchcase(name, pattern)]
         if not fits:
-            some = ", ".join(known[:8]) + (", …" if len(known) > 8 else "")
-            raise MapError(f"expected a pattern that fits a building of the map: {some or 'none'} (got {pattern!r})")
+            raise MapError(f"expected a pattern that fits a building of the map: {_some(known)} (got {pattern!r})")
         found.update(fits)
     return tuple(sorted(found))
+
+
+def unknown_building(name: str, known: Sequence[str]) -> MapError:
+    """The error for a building that a map does not have; says which ones it has."""
+    return MapError(f"expected one of the map's buildings: {_some(known)} (got {name!r})")
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:8]) + (", …" if len(names) > 8 else "") or "none"

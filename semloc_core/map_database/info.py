@@ -8,13 +8,14 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from semloc_core.encoding import Model
-from semloc_core.graph import SceneGraph
+from semloc_core.graph import Labelspace, read_graph
 from semloc_core.map_database.history import move_rates, unpack_history
 from semloc_core.map_database.loaded import LoadedMap, StoredBuilding, read_map
+from semloc_core.map_database.protocols import WritableMap
 from semloc_core.map_database.stored.meta import MapMeta, read_meta
+from semloc_core.map_database.stored.records import PlaceRows, derived_storeys, unpack_graph
 from semloc_core.map_database.stored.schema import format_version, read
 
 
@@ -29,17 +30,17 @@ def describe(path: str | Path) -> dict[str, Any]:
     version, meta, loaded = read(
         path, lambda connection: (format_version(connection), read_meta(connection), read_map(connection, path.stem))
     )
-    buildings = [
-        describe_building(stored, loaded.graph(stored.name)) | {"storeys": _stored_storeys(loaded, stored.name)}
-        for stored in loaded.stored
-    ]
-    bytes_ = {"format_version": version, "bytes": path.stat().st_size}
-    return {"name": loaded.name, "hash": loaded.hash, **bytes_, **describe_meta(meta, loaded.model, buildings)}
+    said = describe_map(loaded, meta, loaded.model)
+    first = {"name": said["name"], "hash": said["hash"], "format_version": version, "bytes": path.stat().st_size}
+    return first | said
 
 
-def describe_meta(meta: MapMeta, model: Model, buildings: list[dict[str, Any]]) -> dict[str, Any]:
-    """What a map says of itself, wherever it is kept, and of its buildings."""
+def describe_map(map_: LoadedMap | WritableMap, meta: MapMeta, model: Model) -> dict[str, Any]:
+    """What a map says of itself, wherever it is kept, and of its buildings; each is read, so each is checked."""
+    buildings = [_building(*map_.building(name), model.labelspace) for name in map_.buildings]
     return {
+        "name": map_.name,
+        "hash": meta.content_hash,
         "generation": meta.generation,
         "places": sum(building["places"] for building in buildings),
         "dimension": meta.dimension,
@@ -57,23 +58,12 @@ def describe_meta(meta: MapMeta, model: Model, buildings: list[dict[str, Any]]) 
     }
 
 
-def _stored_storeys(loaded: LoadedMap, building: str) -> list[dict[str, Any]]:
-    rows = loaded.rows_of(building)
-    return describe_storeys(loaded.storeys[rows], loaded.positions[rows, 2])
-
-
-def describe_storeys(on: NDArray[np.int64], height: NDArray[np.float64]) -> list[dict[str, Any]]:
-    """The storeys that (P,) places are on, from the lowest up: how many are there, and at what height (median)."""
-    return [
-        {"places": int((on == k).sum()), "height_m": round(float(np.median(height[on == k])), 2)}
-        for k in np.unique(on).tolist()
-    ]
-
-
-def describe_building(stored: StoredBuilding, graph: SceneGraph) -> dict[str, Any]:
-    """What is known of one building."""
-    history = unpack_history(stored.history)
+def _building(stored: StoredBuilding, places: PlaceRows, space: Labelspace) -> dict[str, Any]:
+    """What is known of one building; of its storeys, from the lowest up, how many places at what median height."""
+    history, graph = unpack_history(stored.history), read_graph(unpack_graph(stored.graph), space)
     classes = Counter(item.class_ for item in graph.objects.values())
+    on = np.array(stored.storeys if stored.storeys is not None else derived_storeys(stored.graph, places.ids))
+    height = places.positions[:, 2]
     return {
         "name": stored.name,
         "source": stored.source,
@@ -84,4 +74,8 @@ def describe_building(stored: StoredBuilding, graph: SceneGraph) -> dict[str, An
         "traversals": len(history.traversals),
         "moved": move_rates([history.classes], history.classes),
         "classes": dict(sorted(classes.items(), key=lambda item: (-item[1], item[0]))),
+        "storeys": [
+            {"places": int((on == k).sum()), "height_m": round(float(np.median(height[on == k])), 2)}
+            for k in np.unique(on).tolist()
+        ],
     }

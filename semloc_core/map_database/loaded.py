@@ -6,7 +6,7 @@ import logging
 import sqlite3
 from bisect import bisect_left
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.encoding import Batch, Model, QueryEncoder
 from semloc_core.errors import MapError
 from semloc_core.graph import SceneGraph, read_graph, separate, storey_at
-from semloc_core.map_database.building_patterns import matching_buildings
+from semloc_core.map_database.building_patterns import matching_buildings, unknown_building
 from semloc_core.map_database.history import ClassChange, History, unpack_history
 from semloc_core.map_database.search.exact import ExactSearch
 from semloc_core.map_database.search.inverted import LARGE, InvertedSearch
@@ -220,7 +220,7 @@ class LoadedMap:
 
     def graph(self, building: str) -> SceneGraph:
         """The scene graph that a building's places come from: unpacked at each call, its classes by the map's names."""
-        return read_graph(unpack_graph(self._stored(building).graph), self.model.labelspace)
+        return read_graph(unpack_graph(self.building(building)[0].graph), self.model.labelspace)
 
     def history(self, building: str) -> History:
         """What traversals have told of a building since it was mapped; empty for a map that no file holds."""
@@ -242,13 +242,9 @@ class LoadedMap:
         names = matching_buildings(self.buildings, patterns)
         if names == self.buildings:
             return self
-        runs = [self.rows_of(name) for name in names]
-        places = [PlaceRows(self.place_ids[run], self.positions[run], self.embeddings[run]) for run in runs]
         changes = tuple(filter(None, self._changes()))
         whole = self.part_of or Whole(self.hash, self.n_places, changes, self.buildings)
-        return assemble(
-            self.name, self.model, [(self._stored(n), p) for n, p in zip(names, places, strict=True)], part_of=whole
-        )
+        return assemble(self.name, self.model, [self.building(each) for each in names], part_of=whole)
 
     def changes(self, building: str) -> Mapping[str, ClassChange]:
         """The class changes in a building's history."""
@@ -296,17 +292,18 @@ class LoadedMap:
         check_hash("model", model_hash, self.model.hash, self.model.encoder.name, self.name)
         check_hash("labelspace", labelspace_hash, labelspace.hash, labelspace.name, self.name)
 
-    def _stored(self, building: str) -> StoredBuilding:
-        number = self._number(building)
+    def building(self, name: str) -> tuple[StoredBuilding, PlaceRows]:
+        """A building as it is stored; MapError where the map does not have it, or where no file holds the map."""
+        number = self._number(name)
         if number >= len(self.stored):
             raise MapError(f"expected a map loaded from a file (got {self.name!r}, which holds no scene graphs)")
-        return self.stored[number]
+        rows = self.rows_of(name)
+        return self.stored[number], PlaceRows(self.place_ids[rows], self.positions[rows], self.embeddings[rows])
 
     def _number(self, building: str) -> int:
         found = bisect_left(self.buildings, building)
         if found == len(self.buildings) or self.buildings[found] != building:
-            known = ", ".join(self.buildings[:8]) + (", …" if len(self.buildings) > 8 else "")
-            raise MapError(f"expected one of the map's buildings: {known or 'none'} (got {building!r})")
+            raise unknown_building(building, self.buildings)
         return found
 
 
@@ -321,26 +318,35 @@ def load(path: str | Path) -> LoadedMap:
     return read(path, lambda connection: read_map(connection, path.stem))
 
 
-def read_building(connection: sqlite3.Connection, name: str, dimension: int) -> tuple[StoredBuilding, PlaceRows, str]:
-    """Read one building, its places and its digest, and check that they are what was committed."""
+def read_stored(
+    connection: sqlite3.Connection, name: str, dimension: int
+) -> tuple[int, StoredBuilding, PlaceRows, str | None]:
+    """A building's key, the building but for its storeys, its places, and its digest; None where it has changed."""
     row = connection.execute(
         "SELECT id, source, frame_id, stamp_ns, digest, graph_digest, graph_bytes, graph FROM building WHERE name = ?",
         (name,),
     ).fetchone()
+    if row is None:
+        raise unknown_building(name, building_names(connection))
     key, source, frame_id, stamp_ns, digest, graph_digest, graph_bytes, data = row
-    texts = (source, frame_id, digest, graph_digest)
+    texts = (source, frame_id, digest or "", graph_digest)
     if not all(isinstance(text, str) for text in texts) or not isinstance(stamp_ns, int | None):
         raise MapError(f"expected texts and a stamp for building {name!r} (got others: the map is damaged)")
     if not isinstance(data, bytes) or not isinstance(graph_bytes, int):
         raise MapError(f"expected a scene graph of building {name!r} (got none: the map is damaged)")
-    places = read_places(connection, key, dimension)
+    places, packed = read_places(connection, key, dimension), PackedGraph(graph_digest, graph_bytes, data)
     history = read_history_bytes(connection, key)
-    if not places.ids or building_digest(places, frame_id, graph_digest, history) != digest:
+    return key, StoredBuilding(name, source, frame_id, stamp_ns, len(places.ids), packed, history), places, digest
+
+
+def read_building(connection: sqlite3.Connection, name: str, dimension: int) -> tuple[StoredBuilding, PlaceRows, str]:
+    """Read one building, its places and its digest, and check that they are what was committed."""
+    key, stored, places, digest = read_stored(connection, name, dimension)
+    found = building_digest(places, stored.frame_id, stored.graph.digest, stored.history)
+    if not places.ids or found != digest:
         raise MapError(f"expected building {name!r} as it was committed (got other content: the map is damaged)")
-    packed = PackedGraph(graph_digest, graph_bytes, data)
-    on = read_storeys(connection, key, graph_digest, places.ids)
-    stored = StoredBuilding(name, source, frame_id, stamp_ns, len(places.ids), packed, history, on)
-    return stored, places, digest
+    on = read_storeys(connection, key, stored.graph.digest, places.ids)
+    return replace(stored, storeys=on), places, found
 
 
 def read_map(connection: sqlite3.Connection, name: str) -> LoadedMap:

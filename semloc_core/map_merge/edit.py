@@ -11,7 +11,7 @@ from semloc_core.errors import MapError
 from semloc_core.graph import SceneGraph
 from semloc_core.map_database import WritableMap
 from semloc_core.map_merge.store import write
-from semloc_core.wire import Place, SceneGraphUpdate
+from semloc_core.wire import Place
 
 
 def without_places(graph: SceneGraph, places: Collection[str]) -> SceneGraph:
@@ -28,7 +28,7 @@ def without_places(graph: SceneGraph, places: Collection[str]) -> SceneGraph:
         raise MapError("expected a place that stays (got all of them: remove the building)")
     rest, gone = _copy(graph), set(places)
     orphans = {child for place in gone for child in rest.children.get(place, ()) if rest.parents[child] <= gone}
-    rest.apply(_delta(removed_nodes=sorted(gone | orphans)))
+    rest.amend(removed_nodes=sorted(gone | orphans))
     return rest
 
 
@@ -61,19 +61,17 @@ def with_places(graph: SceneGraph, newer: SceneGraph, places: Collection[str], *
         orphans = {
             child for place in chosen for child in result.children.get(place, ()) if result.parents[child] <= chosen
         }
-        result.apply(_delta(removed_nodes=sorted(chosen | orphans)))
+        result.amend(removed_nodes=sorted(chosen | orphans))
     there = chosen | result.places.keys()
     children = {child for place in chosen for child in newer.children.get(place, ())}
     links = [(place, child) for child in children for place in newer.parents[child] if place in there]
     seen = [(place, child) for child in children for place in newer.sightings.get(child, ()) if place in there]
     edges = [(a, b) for a in chosen for b in newer.neighbours[a] if b in there]
-    result.apply(
-        _delta(
-            places=[Place(place, newer.places[place]) for place in sorted(chosen)],
-            objects=[newer.objects[child] for child in sorted(children)],
-            edges=sorted(edges + kept) + sorted(links),
-            sightings=sorted(seen),
-        )
+    result.amend(
+        [Place(place, newer.places[place]) for place in sorted(chosen)],
+        [newer.objects[child] for child in sorted(children)],
+        sorted(edges + kept) + sorted(links),
+        sorted(seen),
     )
     return result
 
@@ -96,18 +94,3 @@ def store_edited(database: WritableMap, model: Model, name: str, graph: SceneGra
 def _copy(graph: SceneGraph) -> SceneGraph:
     update = graph.to_update(seq=0, stamp_ns=0, frame_id="")
     return SceneGraph.from_update(msgspec.structs.replace(update, query_place=None))
-
-
-def _delta(**content: object) -> SceneGraphUpdate:
-    empty = SceneGraphUpdate(
-        schema="semloc/scene_graph_update/1",
-        stamp_ns=0,
-        frame_id="",
-        seq=0,
-        full=False,
-        places=[],
-        objects=[],
-        edges=[],
-        query_place=None,
-    )
-    return msgspec.structs.replace(empty, **content)

@@ -12,7 +12,7 @@ from semloc_core.map_merge.persistence import Verdict
 from semloc_core.map_merge.places import PlaceMatch
 from semloc_core.map_merge.sides import Revision, Side
 from semloc_core.map_merge.transform import Transform
-from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
+from semloc_core.wire import Object, Place, Position
 
 MOST_AVERAGED = 10
 """A position is a mean of at most so many traversals: an object that creeps is followed."""
@@ -152,19 +152,11 @@ class _Draft:
 
     def graph(self) -> SceneGraph:
         """The finished graph."""
-        return SceneGraph.from_update(
-            SceneGraphUpdate(
-                schema="semloc/scene_graph_update/1",
-                stamp_ns=0,
-                frame_id="",
-                seq=0,
-                full=True,
-                places=[Place(key, at) for key, at in sorted(self._places.items())],
-                objects=[self._objects[key] for key in sorted(self._objects)],
-                edges=sorted(self._edges) + sorted((p, o) for o, row in self._parents.items() for p in row),
-                query_place=None,
-                sightings=sorted((p, o) for o, row in self._sightings.items() for p in row),
-            )
+        return SceneGraph.of(
+            [Place(key, at) for key, at in sorted(self._places.items())],
+            [self._objects[key] for key in sorted(self._objects)],
+            sorted(self._edges) + sorted((p, o) for o, row in self._parents.items() for p in row),
+            sorted((p, o) for o, row in self._sightings.items() for p in row),
         )
 
 

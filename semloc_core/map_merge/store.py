@@ -13,7 +13,6 @@ from semloc_core.graph import GraphArrays, SceneGraph
 from semloc_core.map_database import (
     MAX_HISTORY_BYTES,
     Before,
-    ClassChange,
     History,
     PackedGraph,
     ReadableMap,
@@ -132,7 +131,8 @@ def propose(
         _check_new(run, map_.history(name), name, source)
     seen = side(model, traversal, map_weights(map_, model))
     name = names[0] if len(names) == 1 else _best(map_, model, seen, names, config)
-    mapped, history, others = stored_side(map_, model, name), map_.history(name), other_changes(map_, name)
+    mapped, history = stored_side(map_, model, name), map_.history(name)
+    others = [map_.changes(other) for other in map_.buildings if other != name]
     if not (again or history.traversals) and run == pack_graph(mapped.graph, "").digest:
         raise MapError(
             f"expected a later traversal of building {name!r} (got {source or 'one'}, that it was mapped from)"
@@ -217,24 +217,16 @@ def map_weights(map_: ReadableMap, model: Model) -> dict[str, float]:
     return class_weights([map_.changes(name) for name in map_.buildings], model.labelspace)
 
 
-def side(model: Model, graph: SceneGraph, of_class: Mapping[str, float]) -> Side:
-    """A traversal with its places embedded, its objects weighed by class only."""
+def side(model: Model, graph: SceneGraph, of_class: Mapping[str, float], history: History | None = None) -> Side:
+    """A graph with its places embedded: a traversal's, its objects weighed by class only, or a building's."""
     arrays = GraphArrays.from_scene_graph(graph, model.labelspace)
-    weights = object_weights(graph, model.labelspace, History(), of_class)
+    weights = object_weights(graph, model.labelspace, history or History(), of_class)
     return Side.of(graph, model.labelspace, embed_graph(model, arrays, weights))
 
 
 def stored_side(map_: ReadableMap, model: Model, name: str) -> Side:
     """A building of a map, embedded with its objects' weights."""
-    graph = map_.graph(name)
-    weights = object_weights(graph, model.labelspace, map_.history(name), map_weights(map_, model))
-    arrays = GraphArrays.from_scene_graph(graph, model.labelspace)
-    return Side.of(graph, model.labelspace, embed_graph(model, arrays, weights))
-
-
-def other_changes(map_: ReadableMap, name: str) -> list[Mapping[str, ClassChange]]:
-    """Class changes of the map's other buildings."""
-    return [map_.changes(other) for other in map_.buildings if other != name]
+    return side(model, map_.graph(name), map_weights(map_, model), map_.history(name))
 
 
 def _best(map_: ReadableMap, model: Model, seen: Side, names: Sequence[str], config: MergeConfig) -> str:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from semloc_core.exports import exports
 
 if TYPE_CHECKING:
+    from semloc_core.wire.checks import check_links, check_nodes
     from semloc_core.wire.codec import MAX_BYTES, decode, decode_update, encode, one_line
     from semloc_core.wire.messages import (
         ClassAttribution,
@@ -55,6 +56,6 @@ __all__ = [
     "Explanation", "Fidelity", "Fraction", "Int64", "MAX_BYTES", "MapInfo", "Match", "MethodAttributions", "ModelInfo",
     "Name", "NameCounter", "Object", "ObjectAttribution", "ObjectName", "Odometry", "Place", "PlaceEvidence",
     "PlaceMatches", "Pose", "Position", "SceneGraphUpdate", "Status", "Transform", "TumWriter", "WhyNot",
-    "WithoutClass", "decode", "decode_update", "encode", "matched_pose", "moved", "one_line", "orientation_of",
-    "quaternion_of", "ros_covariance", "yaw_of",
+    "WithoutClass", "check_links", "check_nodes", "decode", "decode_update", "encode", "matched_pose", "moved",
+    "one_line", "orientation_of", "quaternion_of", "ros_covariance", "yaw_of",
 ]  # fmt: skip

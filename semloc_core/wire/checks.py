@@ -33,44 +33,61 @@ def check_update(update: SceneGraphUpdate) -> None:
             [place, object], a query place that is an object; in a full update also an unknown node.
 
     """
-    places = {place.id for place in update.places}
-    objects = {thing.id for thing in update.objects}
-    if len(places) + len(objects) < len(update.places) + len(update.objects) or not places.isdisjoint(objects):
-        _check_unique("node id", [p.id for p in update.places] + [o.id for o in update.objects])
-    _check_edges(update, places, objects)
-    _check_sightings(update, places, objects)
+    places, objects = check_nodes(update)
+    if update.full:
+        check_links(update, places.__contains__, objects.__contains__)
+    else:  # what is not in it may be any node that the graph has
+        check_links(update, lambda node: node not in objects, lambda node: node not in places)
     for a, b in update.removed_edges:
         if a == b:
             raise MessageError(f"expected removed_edges between two nodes (got a self-loop of {a!r})")
-    query = update.query_place
-    if query is not None and (query in objects or (update.full and query not in places)):
-        kind = "an object" if query in objects else "unknown"
-        raise MessageError(f"expected query_place to be a place of the graph (got {query!r}, {kind})")
     if update.odometry is not None:
         norm = math.sqrt(sum(x * x for x in update.odometry.orientation_xyzw))
         if not abs(norm - 1.0) <= QUATERNION_TOLERANCE:
             raise MessageError(f"expected orientation_xyzw to be a unit quaternion (got norm {norm:.6g})")
 
 
-def _check_edges(update: SceneGraphUpdate, places: set[str], objects: set[str]) -> None:
+def check_nodes(update: SceneGraphUpdate) -> tuple[set[str], set[str]]:
+    """The ids of an update's places and objects; MessageError where one is given twice."""
+    places = {place.id for place in update.places}
+    objects = {thing.id for thing in update.objects}
+    if len(places) + len(objects) < len(update.places) + len(update.objects) or not places.isdisjoint(objects):
+        _check_unique("node id", [p.id for p in update.places] + [o.id for o in update.objects])
+    return places, objects
+
+
+def check_links(update: SceneGraphUpdate, is_place: Callable[[str], bool], is_object: Callable[[str], bool]) -> None:
+    """Refuse edges, sightings and a query place that do not fit the nodes.
+
+    Args:
+        update: the message.
+        is_place: whether a node may be a place, once the update is applied.
+        is_object: whether it may be an object.
+
+    Raises:
+        MessageError: the first thing that is wrong.
+
+    """
     for a, b in update.edges:
         if a == b:
             raise MessageError(f"expected edges between two nodes (got a self-loop of {a!r})")
-        if a in objects and b in objects:
+        ends = is_place(a), is_place(b)
+        if all(ends):
+            continue
+        if not any(ends) and is_object(a) and is_object(b):
             raise MessageError(f"expected a place at one end of an edge (got objects {a!r} and {b!r})")
-        if update.full:
-            for node in (a, b):
-                if node not in places and node not in objects:
-                    raise MessageError(f"expected edges of a full update to name its nodes (got {node!r})")
-
-
-def _check_sightings(update: SceneGraphUpdate, places: set[str], objects: set[str]) -> None:
+        for node, joins in zip((a, b), ends, strict=True):
+            if not (joins or is_object(node)):
+                raise MessageError(f"expected edges between known nodes (got unknown {node!r})")
     for place, seen in update.sightings:
         if place == seen:
             raise MessageError(f"expected a sighting [place, object] (got a self-loop of {place!r})")
-        wrong = place in objects or seen in places
-        if wrong or (update.full and not (place in places and seen in objects)):
+        if not (is_place(place) and is_object(seen)):
             raise MessageError(f"expected a sighting [place, object] of known nodes (got [{place!r}, {seen!r}])")
+    query = update.query_place
+    if query is not None and not is_place(query):
+        kind = "an object" if is_object(query) else "unknown"
+        raise MessageError(f"expected query_place to be a place of the graph (got {query!r}, {kind})")
 
 
 def check_matches(message: PlaceMatches) -> None:

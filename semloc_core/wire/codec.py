@@ -1,6 +1,6 @@
 """The wire: JSON text to typed messages and back. The only file that knows what a message looks like as text.
 
-The types are in `semloc_core.wire.messages` (and named here again), their JSON Schemas in ``msgs_schema/`` (see
+The types are in `semloc_core.wire.messages`, their JSON Schemas in ``msgs_schema/`` (see
 `semloc_core.wire.schemas`). Decoding is strict: unknown fields, wrong types, non-finite numbers, duplicate ids and
 self-loops are refused with one line, and so is an edge of a full update that names an unknown node (for a delta
 only the graph can tell: `semloc_core.graph.scene_graph`).
@@ -17,72 +17,7 @@ import numpy as np
 
 from semloc_core.errors import MessageError
 from semloc_core.wire.checks import CHECKS
-from semloc_core.wire.messages import (
-    MESSAGES,
-    ClassAttribution,
-    ClassAttributions,
-    ClassContrast,
-    Counterfactual,
-    ExplainRequest,
-    Explanation,
-    Fidelity,
-    Int64,
-    MapInfo,
-    Match,
-    MethodAttributions,
-    ModelInfo,
-    Object,
-    ObjectAttribution,
-    ObjectName,
-    Odometry,
-    Place,
-    PlaceMatches,
-    Pose,
-    Position,
-    SceneGraphUpdate,
-    Sequence64,
-    Status,
-    Transform,
-    WhyNot,
-    WithoutClass,
-)
-
-__all__ = [
-    "ClassAttribution",
-    "ClassAttributions",
-    "ClassContrast",
-    "Counterfactual",
-    "DECIMALS",
-    "ExplainRequest",
-    "Explanation",
-    "Fidelity",
-    "Int64",
-    "MAX_BYTES",
-    "MESSAGES",
-    "MapInfo",
-    "Match",
-    "MethodAttributions",
-    "ModelInfo",
-    "Object",
-    "ObjectAttribution",
-    "ObjectName",
-    "Odometry",
-    "Place",
-    "PlaceMatches",
-    "Pose",
-    "Position",
-    "SceneGraphUpdate",
-    "Sequence64",
-    "Status",
-    "Transform",
-    "WhyNot",
-    "WithoutClass",
-    "decode",
-    "decode_update",
-    "encode",
-    "one_line",
-    "schema_of",
-]
+from semloc_core.wire.messages import SceneGraphUpdate
 
 MAX_BYTES = 16 * 2**20  # the default of `max_update_bytes`
 DECIMALS = 6  # of every float on output: micrometres, and far below what a similarity means

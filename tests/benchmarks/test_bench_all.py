@@ -10,6 +10,7 @@ import pytest
 import torch
 from killing import Calls
 
+from semloc_core import wire
 from semloc_core.benchmark import update, verified
 from semloc_core.benchmark.case import BenchCase, make_bench_case
 from semloc_core.benchmark.explain import Peer
@@ -26,7 +27,6 @@ from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.localiser import Localiser
 from semloc_core.map_database.search.exact import ExactSearch
 from semloc_core.report.growth_figure import growth_picture
-from semloc_core.wire import codec as wire
 
 
 @pytest.fixture(scope="module")

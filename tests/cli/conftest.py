@@ -12,7 +12,7 @@ from semloc_core.cli import main
 from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.sources.hydra import write_hydra
-from semloc_core.wire.codec import Object, Place, SceneGraphUpdate
+from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 KEY = {"p": ord("p") << 56, "O": ord("O") << 56}
 

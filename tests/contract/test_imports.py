@@ -6,7 +6,7 @@ import sys
 import pytest
 from small_building import building_update, make_map, make_model
 
-from semloc_core.wire import codec as wire
+from semloc_core import wire
 
 TOOLS = (
     *("scipy", "sklearn", "matplotlib", "typer", "rich", "rosbags", "mcap", "torch_geometric", "captum", "spark_dsg"),

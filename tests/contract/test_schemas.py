@@ -9,7 +9,9 @@ from jsonschema import Draft202012Validator
 from jsonschema.exceptions import ValidationError
 
 from semloc_core.errors import MessageError
-from semloc_core.wire.codec import MESSAGES, decode, encode, schema_of
+from semloc_core.wire import decode, encode
+from semloc_core.wire.codec import schema_of
+from semloc_core.wire.messages import MESSAGES
 from semloc_core.wire.schemas import main, message_schema, schema_text, write_schemas
 
 FOLDER = Path(__file__).resolve().parents[2] / "msgs_schema"

@@ -196,7 +196,7 @@ def test_a_failed_build_leaves_what_was_there(semloc, office, model, map_file, t
 
 
 def _empty_graph(path: Path, places: int) -> None:
-    from semloc_core.wire.codec import Place, SceneGraphUpdate
+    from semloc_core.wire import Place, SceneGraphUpdate
 
     update = SceneGraphUpdate(
         schema="semloc/scene_graph_update/1", stamp_ns=0, frame_id="map", seq=0, full=True, objects=[], edges=[],

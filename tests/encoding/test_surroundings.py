@@ -16,7 +16,7 @@ from semloc_core.errors import GraphError
 from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.graph.visibility import Visibility
-from semloc_core.wire.codec import Object, Place
+from semloc_core.wire import Object, Place
 
 SPACE = Labelspace("test", ("chair", "couch"))  # not all classes that the updates have
 TENSORS = ("features", "edge_index", "edge_length", "is_object", "graph", "free_space")

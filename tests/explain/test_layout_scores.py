@@ -4,12 +4,12 @@ import msgspec
 import pytest
 from small_building import building_update, make_map, make_model
 
+from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import ConfigError, SemlocError
 from semloc_core.explain.explainers.by_name import EXPLAINERS
 from semloc_core.explain.pair import explain_pair
 from semloc_core.localiser import Localiser
-from semloc_core.wire import codec as wire
 
 
 @pytest.fixture(scope="module")

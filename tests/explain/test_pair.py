@@ -5,12 +5,12 @@ import pytest
 import torch
 from small_building import building_update, make_map, make_model
 
+from semloc_core import wire
 from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
 from semloc_core.errors import GraphError
 from semloc_core.explain.explainers.by_name import EXPLAINERS
 from semloc_core.explain.pair import answer_query, explain_pair
 from semloc_core.localiser import Localiser
-from semloc_core.wire import codec as wire
 from semloc_core.wire.messages import ExplainRequest
 
 BY_SIMILARITY = LocaliserConfig(rerank="none")

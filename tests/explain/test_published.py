@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from small_building import building_update, make_map, make_model
 
+from semloc_core import wire
 from semloc_core.config import LocaliserConfig, options
 from semloc_core.explain import ObjectScores, class_scores
 from semloc_core.explain.explainers.by_name import EXPLAINERS
 from semloc_core.explain.fidelity import BUDGET
 from semloc_core.explain.layout_scores import LAYOUT
 from semloc_core.localiser import Localiser
-from semloc_core.wire import codec as wire
 
 
 @pytest.fixture(scope="module", params=["paper", "rings"])

@@ -1,17 +1,20 @@
 """A large file is answered from a few buildings at a time, and nobody who opens it need know."""
 
+import numpy as np
 import pytest
 from small_building import building_update, make_map, make_model
 
 import semloc_core.fleet.open_map
+from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import MapError
-from semloc_core.fleet.large_file import LargeMapLocaliser
+from semloc_core.fleet.file_source import LoadedSource
+from semloc_core.fleet.link import Link
+from semloc_core.fleet.localiser import LargeMapLocaliser
 from semloc_core.fleet.narrowing import ShortlistConfig
 from semloc_core.fleet.open_map import open_localiser
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import load
-from semloc_core.wire import codec as wire
 
 NAMES = [f"{site}/{i}" for site in ("hq", "lab") for i in range(4)]
 
@@ -39,7 +42,9 @@ def test_only_a_large_file_is_narrowed(path, monkeypatch):
 @pytest.mark.parametrize("filter_", ["none", "bayes"])
 def test_it_answers_as_the_whole_file_does_where_the_list_holds_the_building(path, filter_):
     config, loaded = LocaliserConfig(filter=filter_), load(path)
-    large = LargeMapLocaliser.of(loaded, config, ShortlistConfig(nearest=60, buildings=3))
+    link = Link(LoadedSource(loaded), np.random.default_rng(0))
+    large = LargeMapLocaliser(link, config, ShortlistConfig(nearest=60, buildings=3))
+    large.refresh()
     exact = Localiser(loaded, config)
     for i, name in enumerate(NAMES):
         update = building_update(seed=i, query="p7", seq=i)

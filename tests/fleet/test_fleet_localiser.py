@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from small_building import building_update, delta, make_map, make_model
 
+from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.encoding.model import embed_graph
 from semloc_core.errors import MapError, MapUnavailableError
@@ -19,7 +20,6 @@ from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import MapDatabase, load
 from semloc_core.map_database.history import ClassChange, History, Traversal
-from semloc_core.wire import codec as wire
 
 NAMES = [f"{site}/{i}" for site in ("hq", "lab") for i in range(4)]
 FEW = ShortlistConfig(nearest=40, buildings=3)

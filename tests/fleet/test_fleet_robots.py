@@ -9,6 +9,7 @@ from lite_server import LiteServer
 from msgspec.structs import replace
 from small_building import building_update, delta, make_map, make_model
 
+from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.encoding.model import embed_graph
 from semloc_core.errors import MapError, MapUnavailableError
@@ -26,7 +27,6 @@ from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.replay.recorded import replay
 from semloc_core.sources.run import write_run
 from semloc_core.sources.simulate import SimulationConfig, simulate_traversal
-from semloc_core.wire import codec as wire
 
 NAMES = ["hq/it's", 'hq/"1"', "hq/größe", "lab 1", "lab\\2", "lab%"]
 FEW = ShortlistConfig(nearest=40, buildings=3)

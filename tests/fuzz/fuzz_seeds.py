@@ -11,13 +11,13 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 from small_building import CLASSES, building_update, delta, make_map, make_model
 
+from semloc_core import wire
 from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.sources.bag import BagWriter, encode_string
 from semloc_core.sources.hydra.write import node_id, write_hydra
 from semloc_core.sources.simulate.traversal import SimulationConfig, simulate_traversal
-from semloc_core.wire import codec as wire
-from semloc_core.wire.codec import Object, Place
+from semloc_core.wire import Object, Place
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "msgs_schema"
 YAML = b"""name: test

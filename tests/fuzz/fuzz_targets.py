@@ -20,6 +20,7 @@ import msgspec
 import numpy as np
 from fuzz_mutate import damage, damage_json
 
+from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.encoding.model import Model
 from semloc_core.errors import GraphError, MessageError, SemlocError
@@ -30,7 +31,7 @@ from semloc_core.map_database.stored.records import PackedGraph, unpack_graph
 from semloc_core.sources.bag import read_messages
 from semloc_core.sources.hydra import read_hydra
 from semloc_core.sources.run import read_run
-from semloc_core.wire import codec as wire
+from semloc_core.wire.messages import MESSAGES
 
 LONGEST_LINE = 1000
 
@@ -89,7 +90,7 @@ class Wire(Target):
 
     def use(self, data: bytes) -> None:
         refused = None
-        for type_ in wire.MESSAGES.values():
+        for type_ in MESSAGES.values():
             try:
                 message = wire.decode(data, type_)
             except MessageError as error:

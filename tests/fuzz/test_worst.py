@@ -19,6 +19,7 @@ from fuzz_targets import check_line
 from killing import in_a_child
 from small_building import building_update, make_map, make_model
 
+from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.encoding.model import Model
 from semloc_core.errors import MapError, SemlocError
@@ -27,7 +28,6 @@ from semloc_core.localiser import Localiser
 from semloc_core.map_database import load
 from semloc_core.sources.bag import read_messages
 from semloc_core.sources.hydra import read_hydra
-from semloc_core.wire import codec as wire
 
 LONG = 10**7
 BYTES_PER_UPDATE_BYTE = 256

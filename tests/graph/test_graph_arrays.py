@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from semloc_core.graph.arrays import GraphArrays
 from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.wire.codec import Object, Place, SceneGraphUpdate
+from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 LABELS = Labelspace("test", ("chair", "couch", "box"))
 

@@ -19,7 +19,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from semloc_core.errors import GraphError
 from semloc_core.graph.geodesic import ball
 from semloc_core.graph.scene_graph import Change, SceneGraph
-from semloc_core.wire.codec import Object, Place, SceneGraphUpdate
+from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 ROW = [Place("a", (0.0, 0.0, 0.0)), Place("b", (3.0, 4.0, 0.0)), Place("c", (3.0, 4.0, 2.0))]
 CHAIR = Object("x", "chair", (1.0, 1.0, 0.0))
@@ -141,7 +141,7 @@ BAD = {
     "sighting of a place": (update(sightings=[("a", "b")]), "sighting [place, object]"),
     "sighting the wrong way round": (update(sightings=[("x", "a")]), "sighting [place, object]"),
     "sighting of nothing": (update(sightings=[("a", "zz")]), "sighting [place, object]"),
-    "unknown query place": (update(query_place="zz"), "query_place to be a place of the graph (got 'zz')"),
+    "unknown query place": (update(query_place="zz"), "query_place to be a place of the graph (got 'zz', unknown)"),
     "query at an object": (update(query_place="x"), "got 'x'"),
     "query place removed here": (update(query_place="a", removed_nodes=["a"]), "got 'a'"),
     "full, edge to a node of the graph before": (

@@ -13,7 +13,7 @@ from semloc_core.graph.geodesic import ball, edge_length, edge_lengths, many_bal
 from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import Change, SceneGraph
 from semloc_core.graph.visibility import Visibility, visible_pairs
-from semloc_core.wire.codec import Object, Place, SceneGraphUpdate
+from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 LABELS = Labelspace("test", ("chair", "couch", "box"))
 

@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 from small_building import building_update, delta, make_map, make_model
 
+from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.encoding.model import embed_graph
 from semloc_core.graph.arrays import GraphArrays
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap, MapDatabase, load
-from semloc_core.wire import codec as wire
 
 ROUNDS = 4
 CONFIG = LocaliserConfig(filter="bayes")

@@ -15,12 +15,12 @@ import pytest
 from killing import Work, calls_of, run_and_kill
 from lived_in import office, rings, seen_again
 
+from semloc_core import wire
 from semloc_core.cli import app
 from semloc_core.encoding.model import embed_graph
 from semloc_core.map_database import MapDatabase, load
 from semloc_core.map_merge import Merged, store
 from semloc_core.sources.bag import BagWriter
-from semloc_core.wire import codec as wire
 
 ROUNDS = int(os.environ.get("SEMLOC_SOAK", "0")) or 8  # set by `make soak`
 OLD = b'{"command": "", "rows": []}\n'

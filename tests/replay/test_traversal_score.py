@@ -8,7 +8,7 @@ from small_building import building_update, make_map, make_model
 from semloc_core.config import LocaliserConfig
 from semloc_core.localiser import Localiser
 from semloc_core.replay.traversal_score import LatencyHistogram, TraversalScore
-from semloc_core.wire.codec import Match, PlaceMatches
+from semloc_core.wire import Match, PlaceMatches
 
 
 def answer(*places: tuple[str, float], status: str = "match") -> PlaceMatches:

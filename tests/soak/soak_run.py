@@ -24,11 +24,11 @@ import numpy as np  # noqa: E402
 import torch  # noqa: E402
 from small_building import CLASSES, building_update, delta, make_map, make_model  # noqa: E402
 
+from semloc_core import wire  # noqa: E402
 from semloc_core.config import LocaliserConfig  # noqa: E402
 from semloc_core.localiser import Localiser  # noqa: E402
 from semloc_core.map_database import load  # noqa: E402
-from semloc_core.wire import codec as wire  # noqa: E402
-from semloc_core.wire.codec import Object, Place, SceneGraphUpdate  # noqa: E402
+from semloc_core.wire import Object, Place, SceneGraphUpdate  # noqa: E402
 
 SAMPLES = 100
 LENGTH = 12

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import msgspec
 
-from semloc_core.wire.codec import Object, Place, Position, SceneGraphUpdate
+from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
 
 TOUCHING_M = 1e-9  # a distance so near the radius is at it
 

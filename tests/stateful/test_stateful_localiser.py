@@ -29,7 +29,7 @@ from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.graph.visibility import Visibility
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
-from semloc_core.wire.codec import PlaceMatches, SceneGraphUpdate, decode, encode
+from semloc_core.wire import PlaceMatches, SceneGraphUpdate, decode, encode
 
 SPACE = Labelspace("test", CLASSES[:3])
 CLOSE = 1e-5

@@ -22,7 +22,7 @@ from semloc_core.sources.bag import POSE_WITH_COVARIANCE, read_messages
 from semloc_core.sources.run import write_run
 from semloc_core.sources.simulate import SimulationConfig, simulate_traversal
 from semloc_core.sources.world import KINDS, draw_pair
-from semloc_core.wire.codec import PlaceMatches, decode, encode
+from semloc_core.wire import PlaceMatches, decode, encode
 from semloc_core.wire.messages import Pose
 from semloc_core.wire.poses import TumWriter, quaternion_of, ros_covariance, yaw_of
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from semloc_core.errors import MessageError
-from semloc_core.wire.codec import (
+from semloc_core.wire import (
     ExplainRequest,
     Match,
     Object,
@@ -21,8 +21,8 @@ from semloc_core.wire.codec import (
     decode,
     decode_update,
     encode,
-    schema_of,
 )
+from semloc_core.wire.codec import schema_of
 
 FULL = {
     "schema": "semloc/scene_graph_update/1",

@@ -76,13 +76,11 @@ def info(
 
 
 def _facts(place: str) -> dict[str, Any]:
+    from semloc_core.map_database import describe, describe_map
+
     if is_address(place):
-        from semloc_core.fleet import describe_server_map
-
         with server_map(place) as database:
-            return describe_server_map(database)
-    from semloc_core.map_database import describe
-
+            return describe_map(database, database.meta, database.model)
     return describe(place)
 
 

@@ -9,38 +9,14 @@ import msgspec
 import torch
 
 from semloc_core.encoding.encoder.bag_of_words import BagOfWordsEncoder, HistogramEncoder, TfidfEncoder
-from semloc_core.encoding.encoder.base import Encoded, Encoder
+from semloc_core.encoding.encoder.base import Encoder
 from semloc_core.encoding.encoder.geodesic_attention import GeodesicAttentionEncoder
 from semloc_core.encoding.encoder.paper.encoder import PaperEncoder
 from semloc_core.encoding.encoder.rings import RingsEncoder
-from semloc_core.encoding.place_graph.extraction import Extraction
 from semloc_core.errors import ConfigError
 
-ENCODERS: dict[str, type[Encoder]] = {
-    encoder.name: encoder
-    for encoder in (
-        PaperEncoder,
-        GeodesicAttentionEncoder,
-        RingsEncoder,
-        BagOfWordsEncoder,
-        TfidfEncoder,
-        HistogramEncoder,
-    )
-}
-
-__all__ = [
-    "ENCODERS",
-    "BagOfWordsEncoder",
-    "Encoded",
-    "Encoder",
-    "Extraction",
-    "GeodesicAttentionEncoder",
-    "HistogramEncoder",
-    "PaperEncoder",
-    "RingsEncoder",
-    "TfidfEncoder",
-    "build_encoder",
-]
+_ALL = (PaperEncoder, GeodesicAttentionEncoder, RingsEncoder, BagOfWordsEncoder, TfidfEncoder, HistogramEncoder)
+ENCODERS: dict[str, type[Encoder]] = {encoder.name: encoder for encoder in _ALL}
 
 
 def build_encoder(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import msgspec
 import torch
@@ -46,14 +46,6 @@ class BagOfWordsEncoder(Encoder):
 
     name: ClassVar[str] = "bag_of_words"
     config_type: ClassVar[type[msgspec.Struct]] = BagOfWordsConfig
-
-    def __init__(
-        self,
-        config: msgspec.Struct | None,
-        n_classes: int,
-        generator: torch.Generator | None = None,
-    ) -> None:
-        super().__init__(config, n_classes)
 
     @property
     def extraction(self) -> Extraction:
@@ -106,12 +98,7 @@ class TfidfEncoder(BagOfWordsEncoder):
 
     idf: Tensor
 
-    def __init__(
-        self,
-        config: msgspec.Struct | None,
-        n_classes: int,
-        generator: torch.Generator | None = None,
-    ) -> None:
+    def __init__(self, config: Any, n_classes: int, generator: torch.Generator | None = None) -> None:
         super().__init__(config, n_classes)
         self.register_buffer("idf", torch.ones(n_classes))
 

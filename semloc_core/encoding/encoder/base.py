@@ -52,7 +52,6 @@ class Encoder(nn.Module, ABC):
     config: Any
     n_classes: int
 
-    @abstractmethod
     def __init__(self, config: Any, n_classes: int, generator: torch.Generator | None = None) -> None:
         super().__init__()
         self.config = check_config(self.name, self.config_type, config)

@@ -11,19 +11,18 @@ import torch
 from msgspec import Meta
 from torch import Tensor, nn
 
-from semloc_core.encoding.encoder.base import Encoded, Encoder, start_generator
+from semloc_core.encoding.encoder.bands import BandsConfig, BandsEncoder, Centres, Widths
+from semloc_core.encoding.encoder.base import Encoded, start_generator
 from semloc_core.encoding.encoder.discriminant import Discriminant, Pairs
 from semloc_core.encoding.encoder.layers import Linear
 from semloc_core.encoding.place_graph import Batch
 from semloc_core.encoding.place_graph.extraction import Extraction
-from semloc_core.errors import ConfigError, ModelError
+from semloc_core.errors import ModelError
 
 TINY = 1e-12  # a zero vector stays zero
 
-Metres = Annotated[float, Meta(ge=0, le=1000)]
 
-
-class GeodesicAttentionConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class GeodesicAttentionConfig(BandsConfig, frozen=True, forbid_unknown_fields=True):
     """Options of geodesic attention.
 
     Args:
@@ -36,37 +35,15 @@ class GeodesicAttentionConfig(msgspec.Struct, frozen=True, forbid_unknown_fields
 
     """
 
-    centres: Annotated[tuple[Metres, ...], Meta(min_length=1, max_length=64)] = (
-        0.0,
-        3.0,
-        6.0,
-        10.0,
-        15.0,
-        21.0,
-        28.0,
-        38.0,
-    )
-    widths: Annotated[tuple[Annotated[float, Meta(gt=0, le=1000)], ...], Meta(min_length=1, max_length=64)] = (
-        1.6,
-        1.8,
-        2.2,
-        2.8,
-        3.5,
-        4.5,
-        6.0,
-        8.0,
-    )
+    centres: Centres = (0.0, 3.0, 6.0, 10.0, 15.0, 21.0, 28.0, 38.0)
+    widths: Widths = (1.6, 1.8, 2.2, 2.8, 3.5, 4.5, 6.0, 8.0)
     radius_m: Annotated[float, Meta(gt=0, le=1000)] = 40.0
     dimension: Annotated[int, Meta(ge=2, le=1024)] = 64
     sink: Annotated[float, Meta(gt=0, le=10)] = 0.005
     space_weight: Annotated[float, Meta(ge=0, le=10)] = 0.07
 
-    def __post_init__(self) -> None:
-        if len(self.centres) != len(self.widths):
-            raise ConfigError(f"expected as many widths as centres (got {len(self.widths)} and {len(self.centres)})")
 
-
-class GeodesicAttentionEncoder(Encoder):
+class GeodesicAttentionEncoder(BandsEncoder):
     r"""A place attends to every object in reach, and to the free space between, and maps what it finds to D numbers.
 
     Head (r, c) looks at objects of class c at about ``centres[r]`` metres. With d_o the geodesic distance,
@@ -120,19 +97,19 @@ class GeodesicAttentionEncoder(Encoder):
 
     def attended(self, batch: Batch, keep: Tensor | None = None) -> Tensor:
         """(B, R·C + R) what the heads bring together, before the values: x / √(1 + ‖x‖²), then free space."""
-        counts = self._counts(batch, *self._edges(batch, keep))
+        counts = self.counts(batch, *self.edges(batch, keep))
         return self._found(batch, counts)
 
     def encode(self, batch: Batch) -> Encoded:
         """Embed, with each object's share of the attention; see the class. Free space's share is ``self_share``."""
-        source, target, gaze = self._edges(batch, None)
-        counts = self._counts(batch, source, target, gaze)
+        source, target, gaze = self.edges(batch, None)
+        counts = self.counts(batch, source, target, gaze)
         found = self._found(batch, counts)
         embedding = _unit(self.value(found))
         reached = (found * (embedding @ self.value.weight)).clamp_min(0.0)  # x_k w_k·z of every head
         total = reached.sum(1, keepdim=True).clamp_min(TINY)
         of_objects = (reached / total)[:, : counts[0].numel()].view_as(counts)
-        parts = self._share(batch, source, target, gaze, counts, of_objects)
+        parts = self.share(batch, source, target, gaze, counts, of_objects)
         credit = parts.new_zeros(batch.n_nodes).index_add_(0, source, parts)
         given = parts.new_zeros(batch.n_roots).index_add_(0, target, parts)
         return Encoded(embedding, credit.detach(), (1.0 - given).clamp_min(0.0).detach())
@@ -142,14 +119,14 @@ class GeodesicAttentionEncoder(Encoder):
 
         See the base class. The rest is what free space and bias add.
         """
-        source, target, gaze = self._edges(batch, None)
-        counts = self._counts(batch, source, target, gaze)
+        source, target, gaze = self.edges(batch, None)
+        counts = self.counts(batch, source, target, gaze)
         found = self._found(batch, counts)
         z = self.value(found)
         towards = z_map.expand(batch.n_roots, -1) / torch.linalg.vector_norm(z, dim=1, keepdim=True).clamp_min(TINY)
         terms = found * (towards @ self.value.weight)
         of_objects = terms[:, : counts[0].numel()].view_as(counts)
-        parts = self._share(batch, source, target, gaze, counts, of_objects)
+        parts = self.share(batch, source, target, gaze, counts, of_objects)
         result = parts.new_zeros(batch.n_nodes).index_add_(0, source, parts)
         rest = (z * towards).sum(1) - parts.new_zeros(batch.n_roots).index_add_(0, target, parts)
         result[: batch.n_roots] = rest
@@ -168,30 +145,6 @@ class GeodesicAttentionEncoder(Encoder):
             self.value.weight[: len(weight)] = weight
             self.value.bias[: len(bias)] = bias
 
-    def _edges(self, batch: Batch, keep: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
-        """Sources (E,), targets (E,) and gaze φ (E, R) of the edges that arrive at roots."""
-        self.check_batch(batch)
-        count = batch.edges_within[0] if batch.edges_within else 0
-        (source, target), length = batch.edge_index[:, :count], batch.edge_length[:count]
-        stays = batch.is_object if keep is None else batch.is_object & keep
-        stays = stays.index_select(0, source)
-        source, target, length = source[stays], target[stays], length[stays]
-        centres, widths = length.new_tensor(self.config.centres), length.new_tensor(self.config.widths)
-        return source, target, torch.exp(-0.5 * ((length[:, None] - centres) / widths) ** 2)
-
-    def _counts(self, batch: Batch, source: Tensor, target: Tensor, gaze: Tensor) -> Tensor:
-        """N (B, R, C). Features that want a gradient are summed whole, others only where they are not zero."""
-        heads, b, c = gaze.shape[1], batch.n_roots, self.n_classes
-        features = batch.features.index_select(0, source)
-        if features.requires_grad:
-            empty = features.new_zeros(b, c)
-            rings = [empty.index_add(0, target, features * gaze[:, r : r + 1]) for r in range(heads)]
-            return torch.stack(rings, dim=1)
-        edge, class_ = features.nonzero(as_tuple=True)
-        seen = gaze.index_select(0, edge) * features[edge, class_][:, None]
-        flat: Tensor = features.new_zeros(b * c, heads).index_add_(0, target.index_select(0, edge) * c + class_, seen)
-        return flat.view(b, c, heads).transpose(1, 2)
-
     def _found(self, batch: Batch, counts: Tensor) -> Tensor:
         """(B, R·C + R); see `attended`."""
         sink = self.config.sink
@@ -206,17 +159,6 @@ class GeodesicAttentionEncoder(Encoder):
                 f"(got {'none' if batch.free_space is None else batch.free_space.shape[1]})"
             )
         return torch.cat([x, self.config.space_weight * torch.sqrt(batch.free_space)], dim=1)
-
-    def _share(
-        self, batch: Batch, source: Tensor, target: Tensor, gaze: Tensor, counts: Tensor, amount: Tensor
-    ) -> Tensor:
-        """(E,) the ``amount`` (B, R, C) of every head shared among its objects in proportion to φ."""
-        per_count = torch.where(counts > 0, amount / counts.clamp_min(torch.finfo(counts.dtype).tiny), 0.0)
-        features = batch.features.index_select(0, source)
-        parts = gaze.new_zeros(len(source))
-        for r in range(gaze.shape[1]):
-            parts = parts + gaze[:, r] * (features * per_count[:, r].index_select(0, target)).sum(1)
-        return parts
 
 
 def _unit(z: Tensor) -> Tensor:

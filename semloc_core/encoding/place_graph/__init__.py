@@ -10,27 +10,16 @@ from collections.abc import Sequence
 
 from semloc_core.encoding.place_graph.batch import Batch
 from semloc_core.encoding.place_graph.combine import repeat, union
-from semloc_core.encoding.place_graph.ego import ego_batch
-from semloc_core.encoding.place_graph.ego_rows import EgoRows
+from semloc_core.encoding.place_graph.ego import EgoRows, ego_batch
 from semloc_core.encoding.place_graph.extraction import Extraction
 from semloc_core.encoding.place_graph.reach import reach_all_batch, reach_batch, take_stars
 from semloc_core.encoding.place_graph.whole import whole_graph_batch
 from semloc_core.graph import GraphArrays, Labelspace, SceneGraph, Visibility
 
 __all__ = [
-    "Batch",
-    "EgoRows",
-    "Extraction",
-    "ego_batch",
-    "extract",
-    "extract_all",
-    "reach_all_batch",
-    "reach_batch",
-    "repeat",
-    "take_stars",
-    "union",
-    "whole_graph_batch",
-]
+    "Batch", "EgoRows", "Extraction", "ego_batch", "extract", "extract_all", "reach_all_batch", "reach_batch", "repeat",
+    "take_stars", "union", "whole_graph_batch",
+]  # fmt: skip
 
 
 def extract(

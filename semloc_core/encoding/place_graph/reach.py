@@ -11,8 +11,8 @@ import torch
 from numpy.typing import NDArray
 
 from semloc_core.encoding.place_graph.batch import Batch, batch_of_arrays
-from semloc_core.encoding.place_graph.ego import check_roots
 from semloc_core.encoding.place_graph.free_space import Bands, free_space_all, free_space_online
+from semloc_core.errors import GraphError
 from semloc_core.graph import GraphArrays, Labelspace, SceneGraph, object_distances, ranges
 
 
@@ -36,7 +36,8 @@ def reach_batch(
         GraphError: a root is not a place of the graph.
 
     """
-    check_roots(graph, places)
+    if strangers := [place for place in places if place not in graph.places]:
+        raise GraphError(f"expected a place of the graph (got {strangers[0]!r})")
     nodes: list[str] = []
     lengths: list[float] = []
     counts: list[int] = []

@@ -23,12 +23,7 @@ _MOST_EF = 32_768
 class Hits:
     """What searches found: (similarity, generation, place) of each."""
 
-    rows: tuple[tuple[float, int, str], ...]
-
-    @classmethod
-    def none(cls) -> Hits:
-        """Nothing found."""
-        return cls(())
+    rows: tuple[tuple[float, int, str], ...] = ()
 
     def joined(self, other: Hits) -> Hits:
         """Both together."""

@@ -18,13 +18,12 @@ from semloc_core.fleet.milvus.rows import (
     integer,
     join_pieces,
     join_places,
-    packed_graph,
     pieces,
     text,
     unpack,
 )
 from semloc_core.fleet.milvus.server import MAX_ROWS, NoCollectionError, Server
-from semloc_core.map_database import MAX_BUILDINGS, PlaceRows, StoredBuilding
+from semloc_core.map_database import MAX_BUILDINGS, PackedGraph, PlaceRows, StoredBuilding, unknown_building
 from semloc_core.text import short_repr
 
 _PIECES_AT_ONCE = 256  # 16 MiB of text
@@ -241,10 +240,11 @@ def read_building(
 
 def read_stored(server: Server, name: str, generation: int, pointer: Pointer) -> StoredBuilding:
     """A building without its places; by itself its scene graph is checked, its history is not."""
-    graph = packed_graph(pointer, read_blob(server, name, generation, "graph", pointer.graph_packed))
+    graph = read_blob(server, name, generation, "graph", pointer.graph_packed)
     history = read_blob(server, name, generation, "history", pointer.history_bytes)
+    packed = PackedGraph(pointer.graph_digest, pointer.graph_bytes, graph)
     return StoredBuilding(
-        pointer.name, pointer.source, pointer.frame_id, pointer.stamp_ns, pointer.n_places, graph, history
+        pointer.name, pointer.source, pointer.frame_id, pointer.stamp_ns, pointer.n_places, packed, history
     )
 
 
@@ -253,5 +253,4 @@ def current(read: Callable[[], State], again: Callable[[], State], building: str
     for state in (read(), again()):
         if building in state.pointers:
             return state.pointers[building]
-    known = ", ".join(list(state.pointers)[:8]) + (", …" if len(state.pointers) > 8 else "")
-    raise MapError(f"expected one of the map's buildings: {known or 'none'} (got {building!r})")
+    raise unknown_building(building, list(state.pointers))

@@ -25,7 +25,6 @@ from semloc_core.map_database import (
     MAX_GRAPH_BYTES,
     MAX_HISTORY_BYTES,
     ClassChange,
-    PackedGraph,
     PlaceRows,
     StoredBuilding,
     building_digest,
@@ -282,8 +281,3 @@ def check_building(pointer: Pointer, stored: StoredBuilding, places: PlaceRows) 
         raise MapError(
             f"expected building {pointer.name!r} as it was committed (got other content: the map is damaged)"
         )
-
-
-def packed_graph(pointer: Pointer, data: bytes) -> PackedGraph:
-    """The scene graph of a pointer; what is in it is checked when it is unpacked."""
-    return PackedGraph(pointer.graph_digest, pointer.graph_bytes, data)

@@ -141,7 +141,7 @@ class MilvusSource:
 
     def _among(self, state: State, z: NDArray[np.float32], k: int, chosen: Sequence[int]) -> Nearest:
         """Search in some generations of a state."""
-        found = Hits.none()
+        found = Hits()
         for start in range(0, len(chosen), _BUILDINGS_AT_ONCE):
             listed = ", ".join(map(str, chosen[start : start + _BUILDINGS_AT_ONCE]))
             found = found.joined(self._search(state, z, k, f"generation in [{listed}]"))

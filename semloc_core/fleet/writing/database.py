@@ -8,12 +8,8 @@ that builds on what was read (a merge, a single place) is refused where another 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
-from typing import Unpack
-
-from numpy.typing import ArrayLike
 
 from semloc_core.encoding import Model
 from semloc_core.errors import MapError
@@ -26,19 +22,7 @@ from semloc_core.fleet.writing.committing import commit
 from semloc_core.fleet.writing.conflicts import Draft
 from semloc_core.fleet.writing.opened import OpenedMap
 from semloc_core.fleet.writing.sweeping import GRACE_S, sweep
-from semloc_core.graph import SceneGraph
-from semloc_core.map_database import (
-    History,
-    Note,
-    PlaceRows,
-    StoredBuilding,
-    check_in_graph,
-    check_name,
-    check_places,
-    pack_history,
-    stored_building,
-    unpack_graph,
-)
+from semloc_core.map_database import PlaceRows, StoredBuilding
 
 logger = logging.getLogger(__name__)
 
@@ -46,7 +30,7 @@ WRITE_TIMEOUT_S = 60.0
 
 
 class FleetDatabase(OpenedMap):
-    """A map on a server, open for changes; use it as a context manager. To localise: `MilvusSource`."""
+    """A map on a server, open for changes; what each can be is said at `WritableMap`. To localise: `MilvusSource`."""
 
     def __init__(self, server: Server) -> None:
         super().__init__(server)
@@ -112,14 +96,7 @@ class FleetDatabase(OpenedMap):
             raise
 
     def close(self) -> None:
-        """Close the connection."""
         self._server.close()
-
-    def __enter__(self) -> FleetDatabase:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def refresh(self) -> None:
         """Take in what other writers have done; not inside a transaction."""
@@ -166,111 +143,22 @@ class FleetDatabase(OpenedMap):
         """Delete what nothing points to; see `semloc_core.fleet.writing.sweeping.sweep`."""
         return sweep(self._server, self.name, older_than_s)
 
-    def add_building(
-        self,
-        name: str,
-        graph: SceneGraph,
-        place_ids: Sequence[str],
-        positions: ArrayLike,
-        embeddings: ArrayLike,
-        **note: Unpack[Note],
-    ) -> None:
-        """Add a building; arguments and errors as of `MapDatabase.add_building`."""
-        with self.transaction():
-            if name in self.buildings:
-                raise MapError(f"expected a building that the map does not have (got {name!r})")
-            replaced = name in self._drafts  # removed in the same transaction
-            self._put(name, graph, place_ids, positions, embeddings, note, new=not replaced)
-
     def remove_building(self, name: str) -> None:
-        """Remove a building and all its places; MapError where the map does not have it."""
         with self.transaction():
             self._check_known(name)
             self._drafts[name] = None
 
-    def replace_building(
-        self,
-        name: str,
-        graph: SceneGraph,
-        place_ids: Sequence[str],
-        positions: ArrayLike,
-        embeddings: ArrayLike,
-        **note: Unpack[Note],
-    ) -> None:
-        """Put a building in place of the one of that name; arguments and errors as for `add_building`."""
-        with self.transaction():
-            self._check_known(name)
-            self._put(name, graph, place_ids, positions, embeddings, note, new=False)
-
-    def revise_building(
-        self, name: str, graph: SceneGraph, positions: ArrayLike, embeddings: ArrayLike, history: History | None = None
-    ) -> None:
-        """Put what is known of a building by now in place of what was; see `MapDatabase.revise_building`."""
-        with self.transaction():
-            old, _ = self._building(name)
-            places = check_places(sorted(graph.places), positions, embeddings, self._dimension)
-            note: Note = {"source": old.source, "frame_id": old.frame_id, "stamp_ns": old.stamp_ns}
-            packed = old.history if history is None else pack_history(history)
-            self._derive(stored_building(name, graph, places.ids, note, packed), places)
-
-    def replace_places(
-        self, building: str, place_ids: Sequence[str], positions: ArrayLike, embeddings: ArrayLike
-    ) -> None:
-        """Add places to a building, or put them in place of those of the same ids.
-
-        Raises:
-            MapError: a place that the building's scene graph lacks, an unknown building, numbers that do not fit.
-
-        """
-        with self.transaction():
-            old, before = self._building(building)
-            fresh = check_places(place_ids, positions, embeddings, self._dimension)
-            rows = {id_: (before.positions[i], before.embeddings[i]) for i, id_ in enumerate(before.ids)}
-            if new := [id_ for id_ in fresh.ids if id_ not in rows]:
-                check_in_graph(unpack_graph(old.graph), new)
-            rows |= {id_: (fresh.positions[i], fresh.embeddings[i]) for i, id_ in enumerate(fresh.ids)}
-            ids = list(rows)
-            places = check_places(ids, [rows[i][0] for i in ids], [rows[i][1] for i in ids], self._dimension)
-            self._derive(replace(old, n_places=len(ids)), places)
-
-    def copy_building(self, stored: StoredBuilding, places: PlaceRows) -> None:
-        """Put a building as another map holds it in place of the one of that name, or add it.
-
-        Raises:
-            MapError: embeddings that do not fit.
-
-        """
-        check_name("a building name", stored.name)
-        with self.transaction():
-            fits = check_places(places.ids, places.positions, places.embeddings, self._dimension)
-            check_in_graph(unpack_graph(stored.graph), fits.ids)
-            self._drafts[stored.name] = Draft(stored, fits)
-
     def reset(self, model: Model) -> None:
-        """Remove every building and put a model in, to build anew; meant for inside a `transaction`."""
         with self.transaction():
             self._drafts = dict.fromkeys(self._state.pointers)
             make_collections(self._server, model, "")
             self._fresh_model = model
 
-    def _put(
-        self,
-        name: str,
-        graph: SceneGraph,
-        place_ids: Sequence[str],
-        positions: ArrayLike,
-        embeddings: ArrayLike,
-        note: Note,
-        new: bool,
-    ) -> None:
-        check_name("a building name", name)
-        places = check_places(place_ids, positions, embeddings, self._dimension)
-        self._drafts[name] = Draft(stored_building(name, graph, places.ids, note), places, new=new)
-
-    def _derive(self, stored: StoredBuilding, places: PlaceRows) -> None:
-        """A draft of what was read, on the condition that it is the current one when it is written."""
-        draft = self._drafts.get(stored.name)
-        if draft is not None:
-            self._drafts[stored.name] = Draft(stored, places, draft.base, draft.new)
-        else:
-            self._drafts[stored.name] = Draft(stored, places, self._state.pointers[stored.name][0])
+    def _write(self, stored: StoredBuilding, places: PlaceRows, *, new: bool, revised: bool) -> None:
+        draft, name = self._drafts.get(stored.name), stored.name
+        if not revised:  # what was removed in the same transaction may be there still
+            self._drafts[name] = Draft(stored, places, new=new and name not in self._drafts)
+        elif draft is not None:
+            self._drafts[name] = Draft(stored, places, draft.base, draft.new)
+        else:  # what was read must be the current one when this is written
+            self._drafts[name] = Draft(stored, places, self._state.pointers[name][0])

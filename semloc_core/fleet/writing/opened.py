@@ -6,28 +6,24 @@ from collections import OrderedDict
 from collections.abc import Mapping
 
 from semloc_core.encoding import Model
-from semloc_core.errors import MapError
 from semloc_core.fleet.milvus.reading import State, read_building, read_model, read_state, state_now
 from semloc_core.fleet.milvus.server import Server
 from semloc_core.fleet.writing.conflicts import Draft
-from semloc_core.graph import SceneGraph
 from semloc_core.map_database import (
     ClassChange,
-    History,
     MapMeta,
     PlaceRows,
     StoredBuilding,
-    check_hash,
+    WritableMap,
     content_hash,
-    unpack_graph,
-    unpack_history,
+    unknown_building,
 )
 
 _KEPT = 4  # buildings as they were read
 
 
-class OpenedMap:
-    """What can be read of a map that is open for changes; a `ReadableMap`.
+class OpenedMap(WritableMap):
+    """What can be read of a map that is open for changes.
 
     Args:
         server: where it is.
@@ -46,12 +42,11 @@ class OpenedMap:
 
     @property
     def name(self) -> str:
-        """The map's name in its address."""
         return self._server.address.name
 
     @property
     def meta(self) -> MapMeta:
-        """What the map says of itself, without what is not committed yet; ``generation`` rises with every change."""
+        """As of `WritableMap`, without what is not committed yet; ``generation`` rises with every change."""
         row, pointers = self._state.map_row, self._state.pointers
         digests = ((name, pointer.digest) for name, (_, pointer) in pointers.items())
         return MapMeta(
@@ -66,7 +61,6 @@ class OpenedMap:
 
     @property
     def buildings(self) -> tuple[str, ...]:
-        """Names of the buildings, sorted."""
         names = set(self._state.pointers) if self._fresh_model is None else set()
         for name, draft in self._drafts.items():
             (names.discard if draft is None else names.add)(name)
@@ -87,12 +81,6 @@ class OpenedMap:
             self._read_model = generation, read_model(self._server, self.name, self._state)
         return self._read_model[1]
 
-    def require(self, model_hash: str | None = None, labelspace_hash: str | None = None) -> None:
-        """Refuse a map of another model or labelspace; MapError names both sides."""
-        row = self._state.map_row
-        check_hash("model", model_hash, row.model_hash, row.model_name, self.name)
-        check_hash("labelspace", labelspace_hash, row.labelspace_hash, row.labelspace_name, self.name)
-
     @property
     def _state(self) -> State:
         """The map as it was when the transaction began, or is after it."""
@@ -101,24 +89,7 @@ class OpenedMap:
             self._stale = False
         return self._last
 
-    def building(self, name: str) -> tuple[StoredBuilding, PlaceRows]:
-        """A building as it is stored."""
-        return self._building(name)
-
-    def place_ids(self, building: str) -> tuple[str, ...]:
-        """A building's places, by rising id."""
-        return self._building(building)[1].ids
-
-    def graph(self, building: str) -> SceneGraph:
-        """The scene graph of a building."""
-        return unpack_graph(self._building(building)[0].graph)
-
-    def history(self, building: str) -> History:
-        """What traversals have told of a building since it was mapped."""
-        return unpack_history(self._building(building)[0].history)
-
     def changes(self, building: str) -> Mapping[str, ClassChange]:
-        """How the classes of a building changed, from the catalogue."""
         if self._drafts.get(building) is None:
             self._check_known(building)
             return self._state.pointers[building][1].changes
@@ -130,10 +101,9 @@ class OpenedMap:
 
     def _check_known(self, name: str) -> None:
         if name not in (names := self.buildings):
-            known = ", ".join(names[:8]) + (", …" if len(names) > 8 else "")
-            raise MapError(f"expected one of the map's buildings: {known or 'none'} (got {name!r})")
+            raise unknown_building(name, names)
 
-    def _building(self, name: str) -> tuple[StoredBuilding, PlaceRows]:
+    def building(self, name: str) -> tuple[StoredBuilding, PlaceRows]:
         draft = self._drafts.get(name)
         if draft is not None:
             return draft.stored, draft.places

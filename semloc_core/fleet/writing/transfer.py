@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from semloc_core.errors import MapError
 from semloc_core.fleet.writing.database import FleetDatabase
 from semloc_core.map_database import (
     LoadedMap,
-    PlaceRows,
-    StoredBuilding,
     WritableMap,
     building_digest,
     matching_buildings,
@@ -39,7 +36,7 @@ def push(loaded: LoadedMap, database: FleetDatabase, patterns: Sequence[str] = (
         before = map_weights(database, loaded.model)
         digests = database.digests
         for name in names:
-            stored, places = _stored(loaded, name)
+            stored, places = loaded.building(name)
             if digests.get(name) != building_digest(places, stored.frame_id, stored.graph.digest, stored.history):
                 database.copy_building(stored, places)
                 written += 1
@@ -77,11 +74,3 @@ def pull(database: FleetDatabase, file: WritableMap, patterns: Sequence[str] = (
         if model.encoder.counts_objects and map_weights(file, model) != map_weights(database, model):
             embed_again(file, model, names)  # of a part of the map less is known of what moves
     return len(names)
-
-
-def _stored(loaded: LoadedMap, name: str) -> tuple[StoredBuilding, PlaceRows]:
-    if not loaded.stored:
-        raise MapError(f"expected a map loaded from a file (got {loaded.name!r}, which holds no scene graphs)")
-    rows = loaded.rows_of(name)
-    places = PlaceRows(loaded.place_ids[rows], loaded.positions[rows], loaded.embeddings[rows])
-    return loaded.stored[loaded.buildings.index(name)], places

@@ -69,27 +69,13 @@ def shipped_path(name_or_path: str) -> Path:
     return path
 
 
-def read_labelspace_file(path: str | Path) -> LabelspaceFile:
-    """Read a labelspace file.
+def read_yaml(path: str | Path, type_: type[T]) -> T:
+    """Read a `LabelspaceFile` or a `SynonymsFile`.
 
     Raises:
         LabelspaceError: it can't be read, is not YAML, or holds something else.
 
     """
-    return _read(path, LabelspaceFile)
-
-
-def read_synonyms_file(path: str | Path) -> dict[str | int, str]:
-    """Read a synonym file.
-
-    Raises:
-        LabelspaceError: it can't be read, is not YAML, or holds something else.
-
-    """
-    return _read(path, SynonymsFile).synonyms
-
-
-def _read(path: str | Path, type_: type[T]) -> T:
     what = f"expected a YAML file of {'synonyms' if type_ is SynonymsFile else 'a labelspace'} at {path}"
     try:
         with Path(path).open(encoding="utf-8") as file:
@@ -99,12 +85,5 @@ def _read(path: str | Path, type_: type[T]) -> T:
         return msgspec.convert(yaml.load(text, _Loader), type_)
     except OSError as error:
         raise LabelspaceError(f"{what} (got: {error.strerror})") from error
-    except (
-        yaml.YAMLError,
-        msgspec.ValidationError,
-        UnicodeError,
-        RecursionError,
-        TypeError,
-        ValueError,
-    ) as error:
+    except (yaml.YAMLError, RecursionError, TypeError, ValueError) as error:  # so msgspec's and Unicode's
         raise LabelspaceError(f"{what} (got: {' '.join(str(error).split())})") from error

@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from semloc_core.errors import LabelspaceError
-from semloc_core.graph.labels.files import read_labelspace_file, read_synonyms_file, shipped_path
+from semloc_core.graph.labels.files import LabelspaceFile, SynonymsFile, read_yaml, shipped_path
 from semloc_core.graph.labels.files import shipped_labelspaces as shipped_labelspaces
 from semloc_core.text import short_repr
 
@@ -233,7 +233,7 @@ def load_labelspace(name_or_path: str | Path) -> Labelspace:
 
     """
     path = shipped_path(str(name_or_path))
-    content = read_labelspace_file(path)
+    content = read_yaml(path, LabelspaceFile)
     try:
         whole = Labelspace(
             name=content.name,
@@ -259,7 +259,7 @@ def load_synonyms(path: str | Path) -> dict[str, str]:
     """
     found: dict[str, str] = {}
     meant: dict[str, str] = {}
-    for other, name in read_synonyms_file(path).items():
+    for other, name in read_yaml(path, SynonymsFile).synonyms.items():
         found[_spelt(other)] = name
         if folded(meant.setdefault(folded(_spelt(other)), name)) != folded(name):
             raise LabelspaceError(f"expected a synonym of one class (got {other!r} of several, in {path})")

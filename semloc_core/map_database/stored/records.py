@@ -7,7 +7,7 @@ import json
 import sqlite3
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypedDict, TypeVar
 
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from semloc_core.errors import GraphError, MapError, MessageError
 from semloc_core.graph import SceneGraph, storeys_of
-from semloc_core.map_database.history import History, unpack_history
+from semloc_core.map_database.building_patterns import unknown_building
 from semloc_core.text import short_repr
 from semloc_core.wire import decode_update, encode
 
@@ -46,6 +46,11 @@ class PlaceRows:
     ids: tuple[str, ...]
     positions: NDArray[np.float64]
     embeddings: NDArray[np.float32]
+
+    def only(self, ids: Container[str]) -> PlaceRows:
+        """Some of them."""
+        kept = [i for i, id_ in enumerate(self.ids) if id_ in ids]
+        return PlaceRows(tuple(self.ids[i] for i in kept), self.positions[kept], self.embeddings[kept])
 
     def rows(self, building: int) -> Iterable[tuple[int, str, float, float, float, bytes]]:
         """As the table ``place`` holds them."""
@@ -136,21 +141,9 @@ def building_key(connection: sqlite3.Connection, name: str) -> int:
     """The key of a building's rows; MapError where the map does not have it."""
     row = connection.execute("SELECT id FROM building WHERE name = ?", (name,)).fetchone()
     if row is None:
-        known = ", ".join(building_names(connection)) or "none"
-        raise MapError(f"expected one of the map's buildings: {known} (got {name!r})")
+        raise unknown_building(name, building_names(connection))
     key: int = row[0]
     return key
-
-
-def read_graph(connection: sqlite3.Connection, building: int) -> SceneGraph:
-    """Read a building's scene graph, given its key."""
-    query = "SELECT graph_digest, graph_bytes, graph FROM building WHERE id = ?"
-    return unpack_graph(PackedGraph(*connection.execute(query, (building,)).fetchone()))
-
-
-def read_history(connection: sqlite3.Connection, building: int) -> History:
-    """Read a building's history, given its key."""
-    return unpack_history(read_history_bytes(connection, building))
 
 
 def read_history_bytes(connection: sqlite3.Connection, building: int) -> bytes:

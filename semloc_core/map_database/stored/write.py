@@ -7,19 +7,8 @@ from collections.abc import Sequence
 
 from semloc_core.errors import MapError
 from semloc_core.graph import SceneGraph
-from semloc_core.map_database.history import History, pack_history
 from semloc_core.map_database.loaded import StoredBuilding
-from semloc_core.map_database.stored.records import (
-    Note,
-    PlaceRows,
-    building_key,
-    check_name,
-    pack_graph,
-    read_graph,
-    read_places,
-)
-
-INSERT_PLACE = "INSERT INTO place (building, id, x, y, z, embedding) VALUES (?, ?, ?, ?, ?, ?)"
+from semloc_core.map_database.stored.records import Note, PlaceRows, check_name, pack_graph
 
 
 def stored_building(
@@ -65,37 +54,10 @@ def insert_building(connection: sqlite3.Connection, building: StoredBuilding, pl
         ),
     )
     assert cursor.lastrowid is not None
-    connection.executemany(INSERT_PLACE, places.rows(cursor.lastrowid))
+    insert = "INSERT INTO place (building, id, x, y, z, embedding) VALUES (?, ?, ?, ?, ?, ?)"
+    connection.executemany(insert, places.rows(cursor.lastrowid))
     if building.history:
         connection.execute("INSERT INTO history (building, data) VALUES (?, ?)", (cursor.lastrowid, building.history))
-
-
-def put_places(
-    connection: sqlite3.Connection, building: str, places: PlaceRows, graph: SceneGraph | None, replace: bool
-) -> None:
-    """Add places to a building, or put them in place of those of the same ids.
-
-    Raises:
-        MapError: an unknown building, a place that it has (unless ``replace``), or that its scene graph lacks.
-
-    """
-    key = building_key(connection, building)
-    known = "SELECT count(*) FROM place WHERE building = ? AND id = ?"
-    new = [id_ for id_ in places.ids if not connection.execute(known, (key, id_)).fetchone()[0]]
-    if len(new) < len(places.ids) and not replace:
-        raise MapError(f"expected places that {building!r} does not have (got one that it has)")
-    connection.executemany(INSERT_PLACE.replace("INSERT", "INSERT OR REPLACE"), places.rows(key))
-    touch(connection, key, places.embeddings.shape[1], graph)
-    if new and graph is None:
-        check_in_graph(read_graph(connection, key), new)
-
-
-def touch(connection: sqlite3.Connection, key: int, dimension: int, graph: SceneGraph | None = None) -> None:
-    """Mark a building as changed, so that its digest is made anew; store its new scene graph where there is one."""
-    connection.execute("UPDATE building SET digest = NULL WHERE id = ?", (key,))
-    if graph is not None:
-        check_in_graph(graph, read_places(connection, key, dimension).ids)
-        store_graph(connection, key, graph)
 
 
 def delete_building(connection: sqlite3.Connection, key: int) -> None:
@@ -103,24 +65,6 @@ def delete_building(connection: sqlite3.Connection, key: int) -> None:
     for table in ("history", "storeys", "place"):
         connection.execute(f"DELETE FROM {table} WHERE building = ?", (key,))
     connection.execute("DELETE FROM building WHERE id = ?", (key,))
-
-
-def store_graph(connection: sqlite3.Connection, key: int, graph: SceneGraph) -> None:
-    """Put another scene graph in place of a building's."""
-    (frame_id,) = connection.execute("SELECT frame_id FROM building WHERE id = ?", (key,)).fetchone()
-    packed = pack_graph(graph, frame_id)
-    connection.execute(
-        "UPDATE building SET digest = NULL, graph_digest = ?, graph_bytes = ?, graph = ? WHERE id = ?",
-        (packed.digest, packed.size, packed.data, key),
-    )
-
-
-def store_history(connection: sqlite3.Connection, key: int, history: History) -> None:
-    """Put another history in place of a building's."""
-    connection.execute("DELETE FROM history WHERE building = ?", (key,))
-    if data := pack_history(history):
-        connection.execute("INSERT INTO history (building, data) VALUES (?, ?)", (key, data))
-    connection.execute("UPDATE building SET digest = NULL WHERE id = ?", (key,))
 
 
 def check_in_graph(graph: SceneGraph, place_ids: Sequence[str]) -> None:

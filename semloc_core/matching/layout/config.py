@@ -7,39 +7,32 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from semloc_core.config import Share
+
+Far = Annotated[float, Meta(gt=0.0, le=100.0)]
+Near = Annotated[float, Meta(gt=0.0, le=10.0)]
+
 
 class LayoutConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Options of `LayoutVerifier`; the defaults were chosen on perturbed variants of map graphs."""
 
-    reach_m: Annotated[float, Meta(gt=0.0, le=100.0, description="how far from the robot its surroundings count")] = (
-        12.0
-    )
+    reach_m: Annotated[Far, Meta(description="how far from the robot its surroundings count")] = 12.0
     floor_m: Annotated[
-        float,
-        Meta(gt=0.0, le=100.0, description="how far above and below the robot: the next floor tells places apart too"),
+        Far, Meta(description="how far above and below the robot: the next floor tells places apart too")
     ] = 3.5
     detected: Annotated[float, Meta(gt=0.0, le=1.0, description="share of the mapped objects that are detected")] = 0.77
     looked: Annotated[
-        float,
-        Meta(ge=0.0, le=1.0, description="share of the mapped objects near known places that the robot has looked at"),
+        Share, Meta(description="share of the mapped objects near known places that the robot has looked at")
     ] = 0.5
-    invented: Annotated[
-        float, Meta(gt=0.0, le=10.0, description="objects seen for each m² known that the map does not have")
-    ] = 0.06
-    spread_m: Annotated[
-        float, Meta(gt=0.0, le=10.0, description="standard deviation of an object's position, per axis in the plane")
-    ] = 0.7
-    height_spread_m: Annotated[
-        float, Meta(gt=0.0, le=10.0, description="standard deviation of an object's height above the place")
-    ] = 0.7
-    off_m: Annotated[
-        float, Meta(gt=0.0, le=10.0, description="standard deviation of the robot from the map's place, per axis")
-    ] = 0.5
-    seen_within_m: Annotated[
-        float, Meta(gt=0.0, le=10.0, description="objects so near to a known place would have been seen")
-    ] = 1.0
+    invented: Annotated[Near, Meta(description="objects seen for each m² known that the map does not have")] = 0.06
+    spread_m: Annotated[Near, Meta(description="standard deviation of an object's position, per axis in the plane")] = (
+        0.7
+    )
+    height_spread_m: Annotated[Near, Meta(description="standard deviation of an object's height above the place")] = 0.7
+    off_m: Annotated[Near, Meta(description="standard deviation of the robot from the map's place, per axis")] = 0.5
+    seen_within_m: Annotated[Near, Meta(description="objects so near to a known place would have been seen")] = 1.0
     room_within_m: Annotated[
-        float, Meta(gt=0.0, le=10.0, description="a known place so near to a place of the map is in its free space")
+        Near, Meta(description="a known place so near to a place of the map is in its free space")
     ] = 0.9
     room_weight: Annotated[
         float,

@@ -27,7 +27,7 @@ from semloc_core.sources.hydra.format import (
 from semloc_core.sources.hydra.labels import LabelNames
 from semloc_core.sources.hydra.write import Room
 from semloc_core.text import short_repr
-from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
+from semloc_core.wire import Object, Place, Position
 
 FRAME_ID = "map"  # Hydra's; the files do not name theirs
 FARTHEST_M = 1e9
@@ -209,23 +209,16 @@ def _convert(path: Path, name: str, labelspace: Labelspace | Reading | None, *, 
     agents.sort(key=lambda pose: (pose.stamp_ns, int(pose.id)))
     if still := sum(pose.orientation_xyzw is None for pose in agents):
         said.append(f"{still} agent pose(s) without a rotation: of these only the position is used")
-    update = SceneGraphUpdate(
-        schema="semloc/scene_graph_update/1",
-        stamp_ns=0,
-        frame_id=FRAME_ID,
-        seq=0,
-        full=True,
-        places=[Place(str(i), _position(n)) for i, n in nodes.items() if kind.get(i) == "place"],
-        objects=[_object(nodes[i], classes.number(label, names.name_of(nodes[i]))) for i, label in labels.items()],
-        edges=links.traversability + links.parents,
-        query_place=None,
+    graph = SceneGraph.of(
+        [Place(str(i), _position(n)) for i, n in nodes.items() if kind.get(i) == "place"],
+        [_object(nodes[i], classes.number(label, names.name_of(nodes[i]))) for i, label in labels.items()],
+        links.traversability + links.parents,
     )
     rooms = {
         str(i): Room(n.attributes.name or "", _position(n), tuple(sorted(links.places_of_room.get(i, ()))))
         for i, n in nodes.items()
         if kind.get(i) == "room"
     }
-    graph = SceneGraph.from_update(update)
     if dropped:
         listed = ", ".join(f"{count} × {reason}" for reason, count in sorted(dropped.items()))
         said.append(f"dropped {listed}; turned round {links.reversed} reversed edges")

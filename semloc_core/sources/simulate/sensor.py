@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
+from semloc_core.config import Share, Spread
 from semloc_core.graph import SceneGraph
 from semloc_core.sources.simulate.drift import Frame
 from semloc_core.text import short_repr
@@ -18,15 +21,27 @@ INVENTED_WITHIN_M = 1.5
 """An invented object lies at most this far (per axis) from the place that it is attached to."""
 
 
-class DetectorErrors(msgspec.Struct, frozen=True, kw_only=True):
-    """How far a detector is from the truth; rates in 0 … 1, metres. See `SimulationConfig`."""
+class Sensing(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What errs in what a robot sees as it walks."""
 
-    miss_rate: float = 0.0
-    flicker_rate: float = 0.0
-    false_rate: float = 0.0
-    mislabel_rate: float = 0.0
-    position_noise_m: float = 0.0
-    place_noise_m: float = 0.0
+    flicker_rate: Annotated[
+        Share, Meta(description="chance, at each update, that an object in range is lost until seen again")
+    ] = 0.0
+    place_noise_m: Annotated[Spread, Meta(description="standard deviation of a place's position, m per axis")] = 0.0
+    drift: Annotated[
+        Spread, Meta(description="drift of the updates' frame; 1: 0.5° and 0.03 m per axis, a root metre")
+    ] = 0.0
+
+
+class DetectorErrors(Sensing, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How far a detector is from the truth."""
+
+    miss_rate: Annotated[Share, Meta(description="share of the objects that are never detected")] = 0.1
+    false_rate: Annotated[Spread, Meta(description="invented objects for each true one")] = 0.05
+    mislabel_rate: Annotated[Share, Meta(description="share of the detected objects that get another class")] = 0.0
+    position_noise_m: Annotated[Spread, Meta(description="standard deviation of an object's position, m per axis")] = (
+        0.1
+    )
 
 
 @short_repr

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from semloc_core.config import checked
+from semloc_core.config import Some, checked
 from semloc_core.graph import SceneGraph, ball
 from semloc_core.sources.simulate.drift import Frame
 from semloc_core.sources.simulate.route import WalkPoint, walk_along, walk_to_goals
@@ -24,13 +24,15 @@ from semloc_core.text import short_repr
 from semloc_core.wire import Odometry, Position, SceneGraphUpdate
 
 _NS_PER_S = 1_000_000_000
+Seconds = Annotated[float, Meta(ge=0.0, le=1e8)]
+PerMetre = Annotated[float, Meta(ge=0.0, le=10.0)]
 
 
-class SimulationConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class SimulationConfig(DetectorErrors, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Options of a simulated run; make one with `of`, which checks ranges."""
 
     speed_mps: Annotated[float, Meta(gt=0.0, le=100.0, description="walking speed, m/s")] = 0.5
-    rate_hz: Annotated[float, Meta(gt=0.0, le=1000.0, description="updates per second, Hz")] = 2.0
+    rate_hz: Annotated[Some, Meta(description="updates per second, Hz")] = 2.0
     distance_m: Annotated[
         float,
         Meta(
@@ -39,55 +41,25 @@ class SimulationConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
             description="how far to walk between random goals, m; 0 for no limit; poses are followed to their end",
         ),
     ] = 60.0
-    duration_s: Annotated[
-        float, Meta(ge=0.0, le=1e8, description="how long the run lasts at most, s; 0 for no limit")
-    ] = 0.0
+    duration_s: Annotated[Seconds, Meta(description="how long the run lasts at most, s; 0 for no limit")] = 0.0
     start_place: Annotated[
-        str,
-        Meta(description="id of the place to start from; empty: a random one of the largest connected part"),
+        str, Meta(description="id of the place to start from; empty: a random one of the largest connected part")
     ] = ""
-    range_m: Annotated[float, Meta(gt=0.0, le=1000.0, description="sensing range along traversability edges, m")] = 5.0
-    miss_rate: Annotated[float, Meta(ge=0.0, le=1.0, description="share of the objects that are never detected")] = 0.1
-    flicker_rate: Annotated[
-        float,
-        Meta(
-            ge=0.0,
-            le=1.0,
-            description="chance, at each update, that an object in range is lost until seen again",
-        ),
-    ] = 0.0
-    false_rate: Annotated[float, Meta(ge=0.0, le=100.0, description="invented objects for each true one")] = 0.05
-    mislabel_rate: Annotated[
-        float, Meta(ge=0.0, le=1.0, description="share of the detected objects that get another class")
-    ] = 0.0
-    position_noise_m: Annotated[
-        float, Meta(ge=0.0, le=100.0, description="standard deviation of an object's position, m per axis")
-    ] = 0.1
-    place_noise_m: Annotated[
-        float, Meta(ge=0.0, le=100.0, description="standard deviation of a place's position, m per axis")
-    ] = 0.0
-    full_every_s: Annotated[
-        float, Meta(ge=0.0, le=1e8, description="seconds between full updates; 0: each update is full")
-    ] = 10.0
+    range_m: Annotated[Some, Meta(description="sensing range along traversability edges, m")] = 5.0
+    full_every_s: Annotated[Seconds, Meta(description="seconds between full updates; 0: each update is full")] = 10.0
     fresh_ids: Annotated[
         bool, Meta(description="give nodes ids of the run's own, which say nothing about the map's")
     ] = True
     odometry: Annotated[bool, Meta(description="whether updates carry odometry")] = True
     odometry_noise: Annotated[
-        float,
-        Meta(ge=0.0, le=10.0, description="standard deviation of odometry, m per axis after one metre walked"),
+        PerMetre, Meta(description="standard deviation of odometry, m per axis after one metre walked")
     ] = 0.0
     odometry_yaw_noise: Annotated[
-        float,
-        Meta(ge=0.0, le=10.0, description="standard deviation of odometry's yaw, rad after one metre walked"),
+        PerMetre, Meta(description="standard deviation of odometry's yaw, rad after one metre walked")
     ] = 0.0
     shared_frame: Annotated[
         bool, Meta(description="whether odometry, then free of noise, is in the updates' frame and says so")
     ] = False
-    drift: Annotated[
-        float,
-        Meta(ge=0.0, le=100.0, description="drift of the updates' frame; 1: 0.5° and 0.03 m per axis, a root metre"),
-    ] = 0.0
     frame_id: Annotated[str, Meta(description="frame of the updates and of the ground truth")] = "map"
     start_stamp_ns: Annotated[int, Meta(ge=0, le=2**61, description="stamp of the first update, ns")] = (
         1_700_000_000 * _NS_PER_S
@@ -167,8 +139,7 @@ def simulate_traversal(
         points = walk_along(graph, poses, step_m)
     else:
         points = walk_to_goals(graph, config.start_place, step_m, config.distance_m, walk_rng)
-    errors = DetectorErrors(**{name: getattr(config, name) for name in DetectorErrors.__struct_fields__})
-    revealed = Revealed(graph, perceive(graph, errors, detector_rng), fresh_ids=config.fresh_ids)
+    revealed = Revealed(graph, perceive(graph, config, detector_rng), fresh_ids=config.fresh_ids)
     odometer = _Odometer(config, odometry_rng)
     full_at, frame, last = 0.0, Frame(), 0.0
     for seq, point in enumerate(points):

@@ -8,16 +8,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated
 
-import msgspec
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 
+from semloc_core.config import Spread
 from semloc_core.errors import GraphError
-from semloc_core.graph import DriftMeter, Floats, GraphArrays, Ints
+from semloc_core.graph import DriftMeter, Floats, GraphArrays, Ints, nearest_parents
 from semloc_core.sources.simulate.drift import Frame
+from semloc_core.sources.simulate.sensor import Sensing
 from semloc_core.text import short_repr
 
 Bools = NDArray[np.bool_]
@@ -27,29 +28,12 @@ MEASURED = 50
 """Steps of the walk that this measure looks back at."""
 
 
-class WalkConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class WalkConfig(Sensing, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How the robot walks and what it sees."""
 
     distance_m: Annotated[float, Meta(gt=0.0, le=1e5, description="how far each walk goes, m")] = 40.0
     range_m: Annotated[float, Meta(ge=0.0, le=1e3, description="sensing range along traversability edges, m")] = 4.0
-    flicker_rate: Annotated[
-        float,
-        Meta(
-            ge=0.0,
-            le=1.0,
-            description="chance, at each step, that an object in range is lost until seen again",
-        ),
-    ] = 0.0
-    object_noise_m: Annotated[
-        float, Meta(ge=0.0, le=100.0, description="standard deviation of an object's position, m per axis")
-    ] = 0.0
-    place_noise_m: Annotated[
-        float, Meta(ge=0.0, le=100.0, description="standard deviation of a place's position, m per axis")
-    ] = 0.0
-    drift: Annotated[
-        float,
-        Meta(ge=0.0, le=100.0, description="drift of the frame; 1: 0.5° and 0.03 m per axis, a root metre walked"),
-    ] = 0.0
+    object_noise_m: Annotated[Spread, Meta(description="standard deviation of an object's position, m per axis")] = 0.0
 
 
 @short_repr
@@ -258,8 +242,6 @@ def _way(
 
 def _perceived(graph: GraphArrays, config: WalkConfig, rng: np.random.Generator) -> GraphArrays:
     """The building with noise; an object that is moved goes to the place that is then nearest."""
-    from semloc_core.graph import nearest_parents
-
     place_noise, object_noise = rng.spawn(2)
     if config.place_noise_m > 0:
         offsets = place_noise.normal(0.0, config.place_noise_m, graph.place_positions.shape)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeVar
+
 import msgspec
 import numpy as np
 
@@ -11,6 +14,7 @@ from semloc_core.sources.world.floor_plan import CORRIDOR, RoomKind
 from semloc_core.sources.world.furniture import Furniture
 from semloc_core.sources.world.office import OfficeConfig, World, make_world_pair
 
+T = TypeVar("T")
 ATTEMPTS = 50
 """Buildings drawn before one whose furniture fits its rooms is given up."""
 TASTE = 1.5
@@ -93,9 +97,14 @@ def draw_pair(kind: BuildingKind, rng: np.random.Generator) -> tuple[World, Worl
         ConfigError: none that was drawn could be furnished.
 
     """
+    return draw(kind, rng, make_world_pair)
+
+
+def draw(kind: BuildingKind, rng: np.random.Generator, make: Callable[[OfficeConfig, np.random.Generator], T]) -> T:
+    """What ``make`` makes of the first building of a kind that can be furnished; errors as of `draw_pair`."""
     for _ in range(ATTEMPTS):
         try:
-            return make_world_pair(draw_config(kind, rng), rng)
+            return make(draw_config(kind, rng), rng)
         except ConfigError as error:
             last = error
     raise ConfigError(f"expected a kind of building that can be furnished (got {ATTEMPTS} failures: {last})")

@@ -16,7 +16,7 @@ from semloc_core.sources.world.furniture import Furniture, Item, furnish
 from semloc_core.sources.world.places import Floats, Ints, largest_component, sample_places, traversability
 from semloc_core.sources.world.second_run import SecondRun, detect
 from semloc_core.text import short_repr
-from semloc_core.wire import Object, Place, SceneGraphUpdate
+from semloc_core.wire import Object, Place
 
 OFFICE_ROOMS = (
     RoomKind("open plan", 3, (12.2, 17.4), door_m=3.0),
@@ -176,23 +176,14 @@ def laid_out(
 
     place_ids = [node_id("p", i) for i in range(len(points))]
     owner = np.array([r if r >= 0 else plan.doors[-1 - r].rooms[0] for r in rooms], dtype=np.int64)
-    graph = SceneGraph()
-    graph.apply(
-        SceneGraphUpdate(
-            schema="semloc/scene_graph_update/1",
-            stamp_ns=0,
-            frame_id="map",
-            seq=0,
-            full=True,
-            places=[
-                Place(place_id, (float(x), float(y), float(z)))
-                for place_id, (x, y), z in zip(place_ids, points, heights, strict=True)
-            ],
-            objects=[Object(node_id("O", i), item.class_, item.position, item.size) for i, item in enumerate(seen)],
-            edges=[(place_ids[a], place_ids[b]) for a, b in edges.T]
-            + [(place_ids[_parent(item, plan, points, rooms)], node_id("O", i)) for i, item in enumerate(seen)],
-            query_place=None,
-        )
+    graph = SceneGraph.of(
+        [
+            Place(place_id, (float(x), float(y), float(z)))
+            for place_id, (x, y), z in zip(place_ids, points, heights, strict=True)
+        ],
+        [Object(node_id("O", i), item.class_, item.position, item.size) for i, item in enumerate(seen)],
+        [(place_ids[a], place_ids[b]) for a, b in edges.T]
+        + [(place_ids[_parent(item, plan, points, rooms)], node_id("O", i)) for i, item in enumerate(seen)],
     )
     return World(graph, _rooms(plan, owner, place_ids, config.place_height_m), labelspace)
 

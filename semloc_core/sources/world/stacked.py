@@ -8,15 +8,12 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 
-from semloc_core.errors import ConfigError
 from semloc_core.graph import SceneGraph
 from semloc_core.sources.hydra.write import Room, node_id
-from semloc_core.sources.world.floor_plan import FloorPlan
-from semloc_core.sources.world.furniture import Item
-from semloc_core.sources.world.kinds import ATTEMPTS, BuildingKind, draw_config
-from semloc_core.sources.world.office import OfficeConfig, World, furnished, laid_out
+from semloc_core.sources.world.kinds import BuildingKind, draw
+from semloc_core.sources.world.office import World, furnished, laid_out
 from semloc_core.sources.world.second_run import SecondRun, detect
-from semloc_core.wire import Object, Place, Position, SceneGraphUpdate
+from semloc_core.wire import Object, Place, Position
 
 STEPS = 5
 """Places on a flight of stairs."""
@@ -41,7 +38,9 @@ def draw_stacked(
 
     """
     rise = float(rng.uniform(2.5, 3.6))
-    floors = [_floor(kind, rng) for _ in range(1 if alike else storeys)]
+    floors = [
+        draw(kind, rng, lambda config, rng: (config, *furnished(config, rng))) for _ in range(1 if alike else storeys)
+    ]
     mapped, seen = [], []
     for k in range(storeys):
         config, plan, items = floors[0 if alike else k]
@@ -98,30 +97,7 @@ def stack(floors: Sequence[World], stairs: Sequence[tuple[float, float]], rise_m
             places.append(Place(way[-1], (float(at[0]), float(at[1]), float(at[2]))))
         way.append(number[k + 1][head])
         edges += list(pairwise(way))
-    graph = SceneGraph.from_update(
-        SceneGraphUpdate(
-            schema="semloc/scene_graph_update/1",
-            stamp_ns=0,
-            frame_id="map",
-            seq=0,
-            full=True,
-            places=places,
-            objects=objects,
-            edges=edges,
-            query_place=None,
-        )
-    )
-    return World(graph, rooms, floors[0].labelspace)
-
-
-def _floor(kind: BuildingKind, rng: np.random.Generator) -> tuple[OfficeConfig, FloorPlan, list[Item]]:
-    for _ in range(ATTEMPTS):
-        config = draw_config(kind, rng)
-        try:
-            return config, *furnished(config, rng)
-        except ConfigError as error:
-            last = error
-    raise ConfigError(f"expected a kind of building that can be furnished (got {ATTEMPTS} failures: {last})")
+    return World(SceneGraph.of(places, objects, edges), rooms, floors[0].labelspace)
 
 
 def _raised(position: Position, up: float) -> Position:

@@ -13,7 +13,7 @@ from semloc_core.encoding.encoder.geodesic_query import GeodesicQuery
 from semloc_core.encoding.place_graph import reach_batch
 from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.wire.codec import SceneGraphUpdate
+from semloc_core.wire import SceneGraphUpdate
 
 SPACE = Labelspace("test", ("box", "chair", "couch"))
 CLOSE = 2e-6

@@ -30,7 +30,7 @@ from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.graph.visibility import Visibility, visible_pairs
 from semloc_core.sources.hydra import read_hydra
-from semloc_core.wire.codec import Object, Place, SceneGraphUpdate
+from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 LABELS = Labelspace("test", ("chair", "couch", "box"))
 Edges = dict[tuple[str, str], float]

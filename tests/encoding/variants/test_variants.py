@@ -6,7 +6,7 @@ import torch
 from query_cases import room
 from small_building import SPACE, building_update
 
-from semloc_core.encoding.encoder import PaperEncoder, build_encoder
+from semloc_core.encoding import PaperEncoder, build_encoder
 from semloc_core.encoding.encoder.paper.encoder import PaperConfig
 from semloc_core.encoding.place_graph import Batch, repeat
 from semloc_core.encoding.place_graph.cut import PlaceBatches

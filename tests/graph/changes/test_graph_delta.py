@@ -5,10 +5,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_building import building_update
 
+from semloc_core import wire
 from semloc_core.graph.changes.delta import GraphDeltas, delta
 from semloc_core.graph.changes.stream import Outcome, UpdateStream
 from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.wire import codec as wire
 
 graphs = valid_updates(full=True).map(SceneGraph.from_update)
 

@@ -4,7 +4,7 @@ import pytest
 
 from semloc_core.errors import GraphError
 from semloc_core.graph.changes.stream import Outcome, UpdateStream
-from semloc_core.wire.codec import Place, SceneGraphUpdate
+from semloc_core.wire import Place, SceneGraphUpdate
 
 
 def update(seq: int, full: bool = False, place: str | None = None, edge: tuple[str, str] | None = None):

@@ -15,7 +15,7 @@ from semloc_core.graph.labels.labelspace import (
     union,
 )
 from semloc_core.graph.scene_graph import SceneGraph
-from semloc_core.wire.codec import Object
+from semloc_core.wire import Object
 
 SPACE = Labelspace(
     "test",

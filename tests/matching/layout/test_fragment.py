@@ -6,7 +6,7 @@ import numpy as np
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.matching.layout import LayoutConfig, fragment_of_arrays, fragment_of_graph
 from semloc_core.matching.layout.fragment import CELL_M, thinned
-from semloc_core.wire.codec import Place
+from semloc_core.wire import Place
 
 CONFIG = LayoutConfig()
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from semloc_core.errors import ConfigError, FileFormatError
 from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.sources.hydra import AgentPose, Room, node_id, read_hydra
-from semloc_core.wire.codec import Object
+from semloc_core.wire import Object
 
 P = [int(node_id("p", i)) for i in range(4)]
 OBJ = [int(node_id("O", i)) for i in range(3)]

@@ -10,7 +10,7 @@ from semloc_core.graph.arrays import GraphArrays
 from semloc_core.graph.labels.labelspace import Labelspace, load_labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.sources.hydra import Room, from_spark_dsg, node_id, read_hydra, write_hydra
-from semloc_core.wire.codec import Object, Place, SceneGraphUpdate
+from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 
 @pytest.fixture

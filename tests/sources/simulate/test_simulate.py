@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from semloc_core import wire
 from semloc_core.errors import BagError, ConfigError, GraphError
 from semloc_core.graph.changes.stream import Outcome, UpdateStream
 from semloc_core.graph.geodesic import ball
@@ -19,7 +20,6 @@ from semloc_core.sources.bag import BagReader, BagWriter, decode_string, read_me
 from semloc_core.sources.run import graph_at_end, read_run, write_run
 from semloc_core.sources.simulate import SimulationConfig, simulate_traversal
 from semloc_core.sources.simulate.route import largest_component, shortest_path
-from semloc_core.wire import codec as wire
 from semloc_core.wire.messages import Object, Place, SceneGraphUpdate
 
 PERFECT = {"miss_rate": 0.0, "false_rate": 0.0, "position_noise_m": 0.0, "fresh_ids": False}

@@ -3,7 +3,7 @@ import torch
 from graph_batches import ego_batch, random_world
 from torch import Tensor
 
-from semloc_core.encoding.encoder import PaperEncoder, build_encoder
+from semloc_core.encoding import PaperEncoder, build_encoder
 from semloc_core.encoding.encoder.paper.encoder import PaperConfig
 from semloc_core.errors import ConfigError, ModelError
 

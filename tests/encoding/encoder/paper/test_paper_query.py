@@ -17,7 +17,7 @@ from semloc_core.encoding.place_graph import Batch, EgoRows, ego_batch, reach_ba
 from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.graph.visibility import Visibility
-from semloc_core.wire.codec import Object, Place, SceneGraphUpdate
+from semloc_core.wire import Object, Place, SceneGraphUpdate
 
 SPACE = Labelspace("test", ("box", "chair", "couch"))
 CLOSE = 2e-6
