@@ -6,7 +6,6 @@ layers make it, with the weights of the encoder; before anything is timed, all m
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from semloc_core.benchmark.timing import Contender, by_turns
 from semloc_core.encoding import Batch, PaperEncoder, PlaceBatches
 from semloc_core.errors import ConfigError
 from semloc_core.explain import SimilarityQuery, class_shapley, integrated_gradients
@@ -56,13 +56,16 @@ class Peer(nn.Module):
             self.gat.bias.copy_(ours.bias)
         self.eval()
 
-    def forward(self, x: Tensor, edge_index: Tensor) -> Tensor:
-        """(N, C) features -> (1,) similarity."""
+    def embeddings(self, x: Tensor, edge_index: Tensor, n_roots: int) -> Tensor:
+        """(N, C) features -> (B, D) embeddings of the roots, which come first; every node at every layer."""
         x = F.elu(self.project(x))
         for conv, norm in zip(self.convs, self.norms, strict=True):
             x = norm(torch.tanh(conv(x, edge_index)))
-        z = F.normalize(self.embed(self.gat(x, edge_index)[:1]), dim=1)
-        return z @ self.target
+        return F.normalize(self.embed(self.gat(x, edge_index)[:n_roots]), dim=1)
+
+    def forward(self, x: Tensor, edge_index: Tensor) -> Tensor:
+        """(N, C) features -> (1,) similarity."""
+        return self.embeddings(x, edge_index, 1) @ self.target
 
 
 @short_repr
@@ -116,9 +119,7 @@ def bench_explain(
         progress: told of every repeat.
 
     Returns:
-        A row a task and contender: ``method``, ``scope`` (the task), ``ratio`` (the contender's ``cpu_ms`` over this
-        library's), ``cpu_ms`` (median of the thread's own time, which a busy machine does not lengthen), ``p50_ms`` and
-        ``p99_ms`` by the clock, ``repeats``.
+        A row a task and contender, as of `semloc_core.benchmark.timing.timed_row`.
 
     Raises:
         ConfigError: the peers do not compute the same similarity.
@@ -149,38 +150,15 @@ def _timed(case: Case, repeats: int, slow: bool, progress: Progress) -> list[Row
         with torch.no_grad():
             return captum.attribute(x[None], feature_mask=players, n_samples=SAMPLES)
 
-    contenders: list[tuple[str, str, Callable[[], object], int]] = [
-        (gradients, "semloc", lambda: integrated_gradients(query, steps=STEPS), repeats),
-        (gradients, "pyg", lambda: pyg_gradients(x, edges), repeats),
-        (shapley, "semloc, exact", lambda: class_shapley(query, rng), repeats),
-        (shapley, f"captum, {SAMPLES} samples", captum_classes, repeats),
-        (shapley, "pyg at its defaults", lambda: pyg_shapley(x, edges), max(1, repeats // 10) if slow else 0),
+    contenders = [
+        Contender(gradients, "semloc", lambda: integrated_gradients(query, steps=STEPS)),
+        Contender(gradients, "pyg", lambda: pyg_gradients(x, edges)),
+        Contender(shapley, "semloc, exact", lambda: class_shapley(query, rng)),
+        Contender(shapley, f"captum, {SAMPLES} samples", captum_classes),
     ]
-    seconds: dict[tuple[str, str], list[tuple[float, float]]] = {}
-    for task, name, work, _ in contenders[:4]:
-        progress(0, repeats, f"warming up: {name}, {task}")
-        work()
-    for repeat in range(repeats):  # by turns, so that all meet the same machine
-        for task, name, work, times in contenders:
-            if repeat < times:
-                progress(repeat, repeats, f"{name}, {task}")
-                wall, own = time.perf_counter(), time.thread_time()
-                work()
-                seconds.setdefault((task, name), []).append((time.perf_counter() - wall, time.thread_time() - own))
-    found = {key: 1e3 * np.array(of) for key, of in seconds.items()}
-    ours = {task: float(np.median(of[:, 1])) for (task, name), of in found.items() if name.startswith("semloc")}
-    return [
-        {
-            "method": name,
-            "scope": task,
-            "ratio": float(np.median(of[:, 1])) / ours[task],
-            "cpu_ms": float(np.median(of[:, 1])),
-            "p50_ms": float(np.median(of[:, 0])),
-            "p99_ms": float(np.percentile(of[:, 0], 99)),
-            "repeats": len(of),
-        }
-        for (task, name), of in found.items()
-    ]
+    if slow:
+        contenders.append(Contender(shapley, "pyg at its defaults", lambda: pyg_shapley(x, edges), seldom=True))
+    return by_turns(contenders, repeats, progress)
 
 
 def _pyg(peer: Peer, method: str) -> Callable[[Tensor, Tensor], object]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-import tracemalloc
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -13,11 +12,12 @@ import numpy as np
 
 from semloc_core import wire
 from semloc_core.benchmark.map_server import FleetServer
+from semloc_core.benchmark.timing import held_mib
 from semloc_core.config import LocaliserConfig
 from semloc_core.encoding import embed_graph, load_general
 from semloc_core.errors import MapError
 from semloc_core.evaluate import draw_buildings
-from semloc_core.fleet import FleetLocaliser, Holdings, Link, LoadedSource, ShortlistConfig
+from semloc_core.fleet import FleetLocaliser, Holdings, Link, LoadedSource, MilvusSource, ShortlistConfig
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap, MapDatabase, PlaceRows, StoredBuilding, load, pack_graph
 from semloc_core.metrics import Progress, Row, no_progress
@@ -107,14 +107,41 @@ def bench_fleet(
     return rows
 
 
-class _InFile:
+class _Robots:
+    """Robots on one map; here they share the memory of what was fetched."""
+
+    method: str
+    _holdings: Holdings | None = None
+
+    def robot(self) -> Localiser:
+        """A robot, with what was fetched."""
+        raise NotImplementedError
+
+    def server_s(self) -> float | None:
+        """CPU time of the server so far; None where none works for them."""
+        return None
+
+    def fetch(self, runs: Sequence[Run]) -> None:
+        """What robots on these runs need: it is fetched once."""
+        scout = self.robot()
+        if isinstance(scout, FleetLocaliser):
+            for update in (update for run in runs for update in run):
+                _answer(scout, update)
+            self._holdings = scout.holdings
+            scout.close()
+
+    def _narrowed(self, source: LoadedSource | MilvusSource) -> FleetLocaliser:
+        held = None if self._holdings is None else self._holdings.copy()
+        return FleetLocaliser(Link(source, np.random.default_rng(0)), CONFIG, holdings=held)
+
+
+class _InFile(_Robots):
     """Robots that hold the map; here they share its memory, which robots can't."""
 
     method = FILE
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._holdings: Holdings | None = None
 
     @cached_property
     def _loaded(self) -> LoadedMap:
@@ -128,29 +155,14 @@ class _InFile:
         """As `semloc_core.fleet.open_map.open_localiser` makes it: a large map is narrowed to a few buildings."""
         if self._loaded.n_places <= ShortlistConfig().places:
             return Localiser(self._loaded, CONFIG)
-        held = None if self._holdings is None else self._holdings.copy()
-        return FleetLocaliser(Link(self._source, np.random.default_rng(0)), CONFIG, holdings=held)
-
-    def server_s(self) -> float | None:
-        """No server works for them."""
-        return None
-
-    def fetch(self, runs: Sequence[Run]) -> None:
-        """As `_OnServer.fetch`."""
-        scout = self.robot()
-        if isinstance(scout, FleetLocaliser):
-            for run in runs:
-                for update in run:
-                    _answer(scout, update)
-            self._holdings = scout.holdings
+        return self._narrowed(self._source)
 
 
-class _OnServer:
-    """Robots that ask a server, each over a line of its own; here they share the memory of what was fetched."""
+class _OnServer(_Robots):
+    """Robots that ask a server, each over a line of its own."""
 
     def __init__(self, server: FleetServer, name: str) -> None:
         self.method, self._server, self._name = server.name, server, name
-        self._holdings: Holdings | None = None
 
     def server_s(self) -> float | None:
         """CPU time of the server so far."""
@@ -158,32 +170,20 @@ class _OnServer:
 
     def robot(self) -> FleetLocaliser:
         """With what was fetched."""
-        source = self._server.source(self._name, CONFIG.server_timeout_s, CONFIG.server_poll_s)
-        held = None if self._holdings is None else self._holdings.copy()
-        return FleetLocaliser(Link(source, np.random.default_rng(0)), CONFIG, holdings=held)
-
-    def fetch(self, runs: Sequence[Run]) -> None:
-        """What robots on these runs need: it is fetched once."""
-        scout = self.robot()
-        for run in runs:
-            for update in run:
-                _answer(scout, update)
-        self._holdings = scout.holdings
-        scout.close()
+        return self._narrowed(self._server.source(self._name, CONFIG.server_timeout_s, CONFIG.server_poll_s))
 
 
 def _held(make: Callable[[], Localiser], run: Run) -> float:
-    """MiB that Python and numpy hold for one robot that has answered: map and all; torch's are not seen."""
-    tracemalloc.start()
-    try:
-        before = tracemalloc.get_traced_memory()[0]
-        robot = make()
-        _answer(robot, run[0])
-        held = tracemalloc.get_traced_memory()[0] - before
-        robot.close()
-    finally:
-        tracemalloc.stop()
-    return held / 2**20
+    """`held_mib` of one robot that has answered: map and all."""
+    robots: list[Localiser] = []
+
+    def answered() -> None:
+        robots.append(make())
+        _answer(robots[0], run[0])
+
+    held = held_mib(answered)
+    robots[0].close()
+    return held
 
 
 def _together(

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import time
-import tracemalloc
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import torch
 
 from semloc_core import wire
 from semloc_core.benchmark.case import BenchCase
+from semloc_core.benchmark.timing import Times, clocked, held_mib
 from semloc_core.config import LocaliserConfig
 from semloc_core.encoding import Model, build_encoder
 from semloc_core.graph import Labelspace
@@ -89,8 +88,8 @@ def _one(case: BenchCase, scope: str, size: int, repeats: int) -> Row:
         localiser.update(full)
         return localiser
 
-    memory = _allotted(start)
-    localiser, own, wall = start(), [], []
+    memory = held_mib(start)
+    localiser, took = start(), Times()
     moved = next(place for place in full.places if place.id == full.query_place)
     for seq in range(1, repeats + 1):
         x, y, z = moved.position
@@ -99,26 +98,6 @@ def _one(case: BenchCase, scope: str, size: int, repeats: int) -> Row:
             places=[Place(moved.id, (x + 0.01 * (seq % 7), y, z))], query_place=moved.id,
         )  # fmt: skip
         text = wire.encode(delta)
-        began, began_own = time.perf_counter(), time.thread_time()
-        localiser.update(text)
-        wall.append(time.perf_counter() - began)
-        own.append(time.thread_time() - began_own)
-    return {
-        "p50_ms": 1e3 * float(np.median(wall)),
-        "cpu_ms": 1e3 * float(np.median(own)),
-        "memory_mib": memory,
-        "repeats": repeats,
-    }
-
-
-def _allotted(work: Callable[[], object]) -> float:
-    """MiB more that Python and numpy hold when the work is done and its result still there; torch's are not seen."""
-    tracemalloc.start()
-    try:
-        before = tracemalloc.get_traced_memory()[0]
-        result = work()
-        held = tracemalloc.get_traced_memory()[0] - before
-        del result
-    finally:
-        tracemalloc.stop()
-    return held / 2**20
+        clocked(took, str(seq), lambda text=text: localiser.update(text))  # type: ignore[misc]
+    wall, own = 1e3 * np.median(list(took.values()), axis=0)
+    return {"p50_ms": float(wall), "cpu_ms": float(own), "memory_mib": memory, "repeats": repeats}

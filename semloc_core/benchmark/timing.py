@@ -3,12 +3,44 @@
 from __future__ import annotations
 
 import time
+import tracemalloc
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from semloc_core.metrics import Progress, Row, no_progress
+
+T = TypeVar("T")
+Times = dict[str, tuple[float, float]]
+"""What was done -> seconds by the clock and the thread's own."""
+
+
+def clocked(took: Times, name: str, work: Callable[[], T]) -> T:
+    """What the work gives; how long it took is put into ``took`` under the name."""
+    wall, own = time.perf_counter(), time.thread_time()
+    result = work()
+    took[name] = (time.perf_counter() - wall, time.thread_time() - own)
+    return result
+
+
+def is_full(text: bytes) -> bool:
+    """Whether an update is a full one: these are rare, as large as the graph, and not counted."""
+    return b'"full":true' in text[:400]
+
+
+def held_mib(work: Callable[[], object]) -> float:
+    """MiB more that Python and numpy hold when the work is done and its result still there; torch's are not seen."""
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        result = work()
+        held = tracemalloc.get_traced_memory()[0] - before
+        del result
+    finally:
+        tracemalloc.stop()
+    return held / 2**20
 
 
 @dataclass(frozen=True)
@@ -20,6 +52,7 @@ class Contender:
         method: who does it; the first of a task is what the others are measured by.
         work: does it once.
         each: how many things one call does (places embedded, steps made): the figures are for one of them.
+        seldom: it takes seconds: timed a tenth as often, and not tried before.
 
     """
 
@@ -27,6 +60,7 @@ class Contender:
     method: str
     work: Callable[[], object]
     each: int = 1
+    seldom: bool = False
 
 
 def by_turns(contenders: Sequence[Contender], repeats: int, progress: Progress = no_progress) -> list[Row]:
@@ -43,14 +77,18 @@ def by_turns(contenders: Sequence[Contender], repeats: int, progress: Progress =
     """
     taken: list[list[tuple[float, float]]] = [[] for _ in contenders]
     for contender in contenders:
-        progress(0, repeats, f"warming up: {contender.method}")
-        contender.work()
-    for repeat in range(repeats):
-        progress(repeat, repeats, contenders[0].scope)
-        for contender, row in zip(contenders, taken, strict=True):
-            wall, own = time.perf_counter(), time.thread_time()
+        if not contender.seldom:
+            progress(0, repeats, f"warming up: {contender.method}, {contender.scope}")
             contender.work()
-            row.append(((time.perf_counter() - wall) / contender.each, (time.thread_time() - own) / contender.each))
+    took: Times = {}
+    for repeat in range(repeats):
+        for contender, row in zip(contenders, taken, strict=True):
+            if contender.seldom and repeat >= max(1, repeats // 10):
+                continue
+            progress(repeat, repeats, f"{contender.method}, {contender.scope}")
+            clocked(took, "", contender.work)
+            wall, own = took[""]
+            row.append((wall / contender.each, own / contender.each))
     firsts: dict[str, float] = {}
     rows = []
     for contender, row in zip(contenders, taken, strict=True):

@@ -7,7 +7,6 @@ from copy import deepcopy
 from dataclasses import replace
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
 from semloc_core.benchmark.case import BenchCase
@@ -79,11 +78,8 @@ def bench_train(case: BenchCase, repeats: int = 10, progress: Progress = no_prog
 
 
 def peer_embeddings(peer: Peer, batch: Batch) -> Tensor:
-    """(B, D) embeddings of a batch's roots by PyG's layers, which compute every node at every layer."""
-    x, edges = F.elu(peer.project(batch.features)), batch.edge_index
-    for conv, norm in zip(peer.convs, peer.norms, strict=True):
-        x = norm(torch.tanh(conv(x, edges)))
-    return F.normalize(peer.embed(peer.gat(x, edges)[: batch.n_roots]), dim=1)
+    """(B, D) embeddings of a batch's roots by PyG's layers."""
+    return peer.embeddings(batch.features, batch.edge_index, batch.n_roots)
 
 
 def _step(parameters: Callable[[], object], forward: Callable[[Batch], Tensor], batch: Batch) -> Callable[[], object]:

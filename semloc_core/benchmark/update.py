@@ -6,9 +6,7 @@ built on it would spend before it has looked anything up.
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
-from typing import TypeVar
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -16,14 +14,12 @@ import torch
 from semloc_core import wire
 from semloc_core.benchmark.case import BenchCase
 from semloc_core.benchmark.explain import Peer
-from semloc_core.benchmark.timing import timed_row
+from semloc_core.benchmark.timing import Times, clocked, is_full, timed_row
 from semloc_core.config import LocaliserConfig
 from semloc_core.encoding import PaperEncoder
 from semloc_core.explain import SimilarityQuery, explain
 from semloc_core.localiser import Localiser
 from semloc_core.metrics import Progress, Row, no_progress
-
-T = TypeVar("T")
 
 MAP_SIZES = (1_500, 100_000, 1_000_000)
 STEPS = ("decode", "apply", "extract", "embed", "search and rank", "attribute", "test of the attribution", "encode")
@@ -61,7 +57,7 @@ def _one_map(case: BenchCase, size: int, rounds: int) -> list[Row]:
     for round_ in range(rounds + 1):
         for text in case.updates:
             took = _one_update(localiser, peer, text)
-            if round_ and took is not None and not _is_full(text):  # a full update is rare, and as large as the graph
+            if round_ and took is not None and not is_full(text):
                 for name, pair in took.items():
                     seconds[name].append(pair)
     scope = f"update, map of {size:,} places"
@@ -76,40 +72,30 @@ def _one_map(case: BenchCase, size: int, rounds: int) -> list[Row]:
     ]
 
 
-def _is_full(text: bytes) -> bool:
-    return b'"full":true' in text[:400]
-
-
-def _one_update(localiser: Localiser, peer: Peer, text: bytes) -> dict[str, tuple[float, float]] | None:
+def _one_update(localiser: Localiser, peer: Peer, text: bytes) -> Times | None:
     """Seconds (clock, own) of each step of one update; None where it has no answer to explain."""
-    took: dict[str, tuple[float, float]] = {}
-
-    def clocked(name: str, work: Callable[[], T]) -> T:
-        wall, own = time.perf_counter(), time.thread_time()
-        result = work()
-        took[name] = (time.perf_counter() - wall, time.thread_time() - own)
-        return result
+    took: Times = {}
 
     def watched(owner: object, method: str, name: str) -> None:
         """Clock a step where it is done; `locate` does it once."""
         work = getattr(type(owner), method).__get__(owner)
-        setattr(owner, method, lambda *given: clocked(name, lambda: work(*given)))
+        setattr(owner, method, lambda *given: clocked(took, name, lambda: work(*given)))
 
-    update = clocked("decode", lambda: wire.decode_update(text, localiser.config.max_update_bytes))
-    clocked("apply", lambda: localiser.apply(update))
+    update = clocked(took, "decode", lambda: wire.decode_update(text, localiser.config.max_update_bytes))
+    clocked(took, "apply", lambda: localiser.apply(update))
     watched(localiser.map.queries, "encode", "embed")
     if localiser.live.surroundings is not None:
         watched(localiser.live.surroundings, "batch", "extract")
-    located = clocked("locate", localiser.locate)
+    located = clocked(took, "locate", localiser.locate)
     query = located.query
     if located.best_row is None or query.batch is None:
         return None
-    attributions = clocked("explain", lambda: localiser.explain(located))
-    clocked("encode", lambda: (wire.encode(located.matches), wire.encode(attributions)))
+    attributions = clocked(took, "explain", lambda: localiser.explain(located))
+    clocked(took, "encode", lambda: (wire.encode(located.matches), wire.encode(attributions)))
 
     model, batch = localiser.map.model, query.batch
     with torch.inference_mode():
-        clocked("pyg", lambda: peer(batch.features, batch.edge_index))
+        clocked(took, "pyg", lambda: peer(batch.features, batch.edge_index))
     # A part of `explain`, once more and apart.
     target = torch.from_numpy(localiser.map.embeddings[located.best_row])
 
@@ -119,12 +105,13 @@ def _one_update(localiser: Localiser, peer: Peer, text: bytes) -> dict[str, tupl
         )
         return explain(question, "attention", np.random.default_rng(0))
 
-    clocked("attribute", attribute)
-    rest = np.array(took["locate"]) - took["extract"] - took["embed"]
-    took["search and rank"] = (float(rest[0]), float(rest[1]))
-    rest = np.array(took["explain"]) - took["attribute"]
-    took["test of the attribution"] = (float(rest[0]), float(rest[1]))
-    parts = ("decode", "apply", "locate", "explain", "encode")
-    took["all"] = (sum(took[name][0] for name in parts), sum(took[name][1] for name in parts))
+    clocked(took, "attribute", attribute)
+    seconds = {name: np.array(of) for name, of in took.items()}
+    for name, rest in (
+        ("search and rank", seconds["locate"] - seconds["extract"] - seconds["embed"]),
+        ("test of the attribution", seconds["explain"] - seconds["attribute"]),
+        ("all", np.sum([seconds[part] for part in ("decode", "apply", "locate", "explain", "encode")], axis=0)),
+    ):
+        took[name] = (float(rest[0]), float(rest[1]))
     del took["locate"], took["explain"]
     return took

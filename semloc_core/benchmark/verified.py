@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from time import perf_counter, thread_time
-from typing import TypeVar
 
 import numpy as np
 import torch
 
 from semloc_core import wire
 from semloc_core.benchmark.case import TEMPERATURE, BenchCase
-from semloc_core.benchmark.timing import timed_row
+from semloc_core.benchmark.timing import Times, clocked, is_full, timed_row
 from semloc_core.config import LocaliserConfig
 from semloc_core.encoding import Model, build_encoder, embed_graph
 from semloc_core.graph import GraphArrays, SceneGraph
@@ -22,9 +20,6 @@ from semloc_core.matching import Located, confidence, fragment_of_graph, most_si
 from semloc_core.metrics import Progress, Row, no_progress
 from semloc_core.sources import KINDS, SimulationConfig, draw_pair, simulate_traversal
 from semloc_core.text import short_repr
-
-T = TypeVar("T")
-Times = dict[str, tuple[float, float]]
 
 TEST = "test by layout"
 PARTS = ("surroundings", "places proposed", "headings", "alignment", "confidence")
@@ -70,8 +65,7 @@ def bench_verified(
         for round_ in range(rounds + 1):
             for text in walked.updates:
                 took = _one_update(localiser, text)
-                # A full update is rare, and as large as the graph.
-                if round_ and took is not None and b'"full":true' not in text[:400]:
+                if round_ and took is not None and not is_full(text):
                     taken.append(took)
         whole = float(np.median([took["all"][1] for took in taken]))
         methods = {"all": "semloc, verified, unexplained", TEST: f"· {TEST}", **{part: f"· · {part}" for part in PARTS}}
@@ -85,14 +79,7 @@ def bench_verified(
 def _one_update(localiser: Localiser, text: bytes) -> Times | None:
     """Seconds (clock, own) of one update and of its test; None where nothing was put to the test."""
     took: Times = {}
-
-    def clocked(name: str, work: Callable[[], T]) -> T:
-        wall, own = perf_counter(), thread_time()
-        result = work()
-        took[name] = (perf_counter() - wall, thread_time() - own)
-        return result
-
-    located = clocked("all", lambda: _answered(localiser, text))
+    located = clocked(took, "all", lambda: _answered(localiser, text))
     query, graph, reranker = located.query, localiser.live.stream.graph, localiser._reranker
     if query.place is None or query.encoded is None or graph is None or reranker is None:
         return None
@@ -100,14 +87,14 @@ def _one_update(localiser: Localiser, text: bytes) -> Times | None:
     z, top_n = query.encoded.embedding[0].numpy(), localiser.config.top_n
     raw, similarity = most_similar(localiser.map, z, top_n, localiser._index)
     # The test once more, whole and in its parts.
-    tested = clocked(TEST, lambda: reranker.rank(graph, place, similarity, raw.rows, top_n))
+    tested = clocked(took, TEST, lambda: reranker.rank(graph, place, similarity, raw.rows, top_n))
     if tested is None:
         return None
-    fragment = clocked(PARTS[0], lambda: fragment_of_graph(graph, labelspace, place, verifier.config))
-    candidates = clocked(PARTS[1], lambda: verifier.candidates(fragment, similarity))
-    rows, heading = clocked(PARTS[2], lambda: verifier.poses(fragment, candidates))
-    verified = clocked(PARTS[3], lambda: verifier.tested(fragment, rows, heading))
-    clocked(PARTS[4], lambda: confidence(verified, fragment, verifier.mapped))
+    fragment = clocked(took, PARTS[0], lambda: fragment_of_graph(graph, labelspace, place, verifier.config))
+    candidates = clocked(took, PARTS[1], lambda: verifier.candidates(fragment, similarity))
+    rows, heading = clocked(took, PARTS[2], lambda: verifier.poses(fragment, candidates))
+    verified = clocked(took, PARTS[3], lambda: verifier.tested(fragment, rows, heading))
+    clocked(took, PARTS[4], lambda: confidence(verified, fragment, verifier.mapped))
     return took
 
 

@@ -18,7 +18,7 @@ from semloc_core.cli.shared.common import (
     note,
     read_graph,
 )
-from semloc_core.cli.shared.outputs import App, Writes
+from semloc_core.cli.shared.outputs import App, output_option
 from semloc_core.files import BAG
 
 app = App(no_args_is_help=True, help="Make bags.")
@@ -27,16 +27,7 @@ app = App(no_args_is_help=True, help="Make bags.")
 @app.command("simulate")
 def simulate(
     graph: Annotated[Path, typer.Argument(metavar="GRAPH", help="The building to walk through.")],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="RUN",
-            parser=Writes(BAG),
-            help="The bag: a .mcap or a folder.",
-        ),
-    ],
+    output: Annotated[Path, output_option("RUN", BAG, "The bag: a .mcap or a folder.")],
     labelspace: LabelspaceOption = None,
     synonyms: SynonymsOption = None,
     speed: Annotated[float, typer.Option(help="Walking speed, m/s.")] = 0.5,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,10 +14,7 @@ from semloc_core.cli.shared.outputs import App, Writes
 from semloc_core.files import PICTURE, write_whole
 
 if TYPE_CHECKING:
-    from semloc_core.benchmark import BenchCase
-    from semloc_core.metrics import Progress, Row
-
-    Bench = Callable[[BenchCase, Progress], list[Row]]
+    from semloc_core.metrics import Row
 
 app = App(help="Measure speed, side by side with the peers.")
 
@@ -39,78 +36,50 @@ def _peers() -> Iterator[None]:
         raise ConfigError(f"expected the peers, semloc[test], to be installed (got no {error.name})") from error
 
 
-def _run(command: str, title: str, seed: int, json_file: Path | None, *benches: Bench) -> list[Row]:
+def _run(command: str, title: str, seed: int, json_file: Path | None, *parts: str) -> list[Row]:
     with _peers(), progress("timing") as bar:
-        from semloc_core.benchmark import make_bench_case
+        from semloc_core import benchmark
 
-        case = make_bench_case(seed)
-        rows = [row for bench in benches for row in bench(case, bar)]
+        case = benchmark.make_bench_case(seed)
+        rows: list[Row] = []
+        for part in parts:
+            given = () if part == "explain" else (case,)
+            rows += getattr(benchmark, f"bench_{part}")(*given, progress=bar)
     show(command, seed, [], rows, json_file, title=title)
     console.print(ABOUT)
     return rows
-
-
-def _update(case: BenchCase, bar: Progress) -> list[Row]:
-    from semloc_core.benchmark import bench_update, bench_verified
-
-    return bench_update(case, progress=bar) + bench_verified(case, progress=bar)
-
-
-def _search(case: BenchCase, bar: Progress) -> list[Row]:
-    from semloc_core.benchmark import bench_search
-
-    return bench_search(case, progress=bar)
-
-
-def _train(case: BenchCase, bar: Progress) -> list[Row]:
-    from semloc_core.benchmark import bench_train
-
-    return bench_train(case, progress=bar)
-
-
-def _start(case: BenchCase, bar: Progress) -> list[Row]:
-    from semloc_core.benchmark import bench_start
-
-    return bench_start(case, progress=bar)
-
-
-def _explain(case: BenchCase, bar: Progress) -> list[Row]:
-    from semloc_core.benchmark import bench_explain
-
-    return bench_explain(progress=bar)
 
 
 @app.callback(invoke_without_command=True)
 def bench(context: typer.Context, seed: Seed = 0, json_file: Json = None) -> None:
     """Measure speed, side by side with the peers: everything in one table, or a part of it."""
     if context.invoked_subcommand is None:
-        _run(
-            "bench", "semloc beside its peers, one thread", seed, json_file, _update, _search, _train, _explain, _start
-        )
+        parts = ("update", "verified", "search", "train", "explain", "start")
+        _run("bench", "semloc beside its peers, one thread", seed, json_file, *parts)
 
 
 @app.command("update")
 def update(seed: Seed = 0, json_file: Json = None) -> None:
     """One update, step by step, on maps of 1,500 to a million places, beside PyG's forward pass."""
-    _run("bench update", "one update, with an attribution each time", seed, json_file, _update)
+    _run("bench update", "one update, with an attribution each time", seed, json_file, "update", "verified")
 
 
 @app.command("search")
 def search(seed: Seed = 0, json_file: Json = None) -> None:
     """Exact and approximate search of up to four million embeddings of 32 floats, beside faiss where it is there."""
-    _run("bench search", "search", seed, json_file, _search)
+    _run("bench search", "search", seed, json_file, "search")
 
 
 @app.command("train")
 def train(seed: Seed = 0, json_file: Json = None) -> None:
     """Embedding a building and training steps, beside PyG."""
-    _run("bench train", "embedding and training", seed, json_file, _train)
+    _run("bench train", "embedding and training", seed, json_file, "train")
 
 
 @app.command("start")
 def start(seed: Seed = 0, json_file: Json = None) -> None:
     """Start-up: imports, first answers, memory held."""
-    _run("bench start", "start-up", seed, json_file, _start)
+    _run("bench start", "start-up", seed, json_file, "start")
 
 
 @app.command("growth")
@@ -118,20 +87,13 @@ def growth(
     seed: Seed = 0,
     json_file: Json = None,
     plot: Annotated[
-        Path | None,
-        typer.Option(
-            "--plot",
-            metavar="PNG",
-            parser=Writes(PICTURE),
-            help="Draw the curves.",
-        ),
+        Path | None, typer.Option("--plot", metavar="PNG", parser=Writes(PICTURE), help="Draw the curves.")
     ] = None,
 ) -> None:
     """Time and memory against map, graph, objects in reach and classes."""
-    from semloc_core.benchmark import bench_growth
     from semloc_core.report import growth_picture
 
-    rows = _run("bench growth", "growth", seed, json_file, lambda case, bar: bench_growth(case, progress=bar))
+    rows = _run("bench growth", "growth", seed, json_file, "growth")
     if plot is not None:
         write_whole(plot, growth_picture(rows))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,14 +11,17 @@ import typer
 
 from semloc_core.cli.shared.common import (
     LabelspaceOption,
+    MethodsOption,
     RobotOption,
     SynonymsOption,
     TopicOption,
+    by_comma,
     read_graph_or_run,
 )
 from semloc_core.cli.shared.foreign_classes import report_unknown_classes
 from semloc_core.cli.shared.map_places import only_a_file
 from semloc_core.cli.shared.outputs import Writes
+from semloc_core.cli.shared.screen import point
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import ConfigError, GraphError
 from semloc_core.files import MESSAGES, write_whole
@@ -57,9 +60,7 @@ def explain(
     rival: Annotated[
         int | None, typer.Option("--rival", metavar="K", min=1, help="Explain the answer's K-th rival: why not there?")
     ] = None,
-    methods: Annotated[
-        str | None, typer.Option("--methods", metavar="NAME,…", help="Explainers, by comma; default: all.")
-    ] = None,
+    methods: MethodsOption = None,
     labelspace: LabelspaceOption = None,
     synonyms: SynonymsOption = None,
     topic: TopicOption = None,
@@ -82,7 +83,7 @@ def explain(
     from semloc_core.localiser import Localiser
     from semloc_core.map_database import load
 
-    chosen = None if methods is None else [name.strip() for name in methods.split(",")]
+    chosen = None if methods is None else by_comma(methods)
     check_asked(chosen or [])
     loaded = load(map_file)
     graph = read_graph_or_run(source, Reading.of(labelspace, synonyms, loaded.model.labelspace, topic, robot))
@@ -93,7 +94,7 @@ def explain(
     result = localiser.update(graph.to_update(seq=0, stamp_ns=0, frame_id="query", query_place=query))
     assert result.located is not None
     matches = result.located.matches
-    asked = f"asked: place {short_id(query)} at {_point(graph.places[query])} of {source.name}{said}"
+    asked = f"asked: place {short_id(query)} at {point(graph.places[query])} of {source.name}{said}"
     row, explanation = None, None
     if result.located.query.encoded is not None:  # what was asked wrongly is said before anything is printed
         row = _map_row(result.located, building, place, place_near, rival, within)
@@ -165,22 +166,18 @@ def _nearest(
 ) -> tuple[str, str]:
     """The place nearest to a point, and how far it is."""
     try:
-        point = [float(value) for value in near.split(",")]
+        target = [float(value) for value in near.split(",")]
     except ValueError:
-        point = []
-    if len(point) not in (2, 3) or not all(math.isfinite(value) for value in point):
+        target = []
+    if len(target) not in (2, 3) or not all(math.isfinite(value) for value in target):
         raise ConfigError(f"expected {option} as X,Y or X,Y,Z in metres (got {near})")
     if not places:
         raise GraphError("expected a graph with places (got none)")
-    away = {id_: math.dist(at[: len(point)], point) for id_, at in places.items()}
+    away = {id_: math.dist(at[: len(target)], target) for id_, at in places.items()}
     place = min(away, key=lambda id_: (away[id_], id_))
     if away[place] > within:
         raise GraphError(
             f"expected a place within {within:g} m of {option} {near} (got {away[place]:.1f} m to {short_id(place)} at "
-            f"{_point(places[place])}; --within METRES allows more)"
+            f"{point(places[place])}; --within METRES allows more)"
         )
     return place, f", {away[place]:.2f} m from {near}"
-
-
-def _point(at: Sequence[float]) -> str:
-    return "({:.2f}, {:.2f}, {:.2f})".format(*at)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from rich.table import Table
 from rich.text import Text
 
-from semloc_core.cli.shared.screen import console, cut, print_whole
+from semloc_core.cli.shared.screen import console, cut, plain_table, point, print_whole
 from semloc_core.explain import LAYOUT
 from semloc_core.graph import short_id
 from semloc_core.text import percent
@@ -17,6 +17,7 @@ from semloc_core.wire import (
     ClassAttribution,
     Counterfactual,
     Explanation,
+    Match,
     MethodAttributions,
     PlaceEvidence,
     PlaceMatches,
@@ -57,14 +58,9 @@ def print_brief(matches: PlaceMatches, asked: str, reason: str, explanation: Exp
         explanation: of the answer, or of another place of the map beside it; None where nothing was embedded.
 
     """
-    if not matches.matches:
-        head("WHAT", f"{matches.status}: {reason or 'no place of the map'}")
-        head("WHERE", asked)
+    best = _print_what(matches, asked, reason, lambda best: f" at {point(best.position)}")
+    if best is None:
         return
-    best = matches.matches[0]
-    at = "({:.2f}, {:.2f}, {:.2f})".format(*best.position)
-    head("WHAT", f"{matches.status}: {best.map}, place {short_id(best.place)} at {at}{f'; {reason}' if reason else ''}")
-    head("WHERE", asked)
     meaning = "that this place is right" if matches.calibrated else "not calibrated"
     head("SURE", f"probability {best.probability:.3f} ({meaning}); {_rivals(matches)}")
     if explanation is None:
@@ -79,6 +75,18 @@ def print_brief(matches: PlaceMatches, asked: str, reason: str, explanation: Exp
         _print_why_not(explanation.why_not, explanation, NAMED)
     else:
         head("UNLESS", _would_change(explanation, best.probability))
+
+
+def _print_what(matches: PlaceMatches, asked: str, reason: str, more: Callable[[Match], str]) -> Match | None:
+    """What and where: the best place, and ``more`` of it; None where there is none."""
+    best = matches.matches[0] if matches.matches else None
+    if best is None:
+        head("WHAT", f"{matches.status}: {reason or 'no place of the map'}")
+    else:
+        place = f"{best.map}, place {short_id(best.place)}{more(best)}"
+        head("WHAT", f"{matches.status}: {place}{f'; {reason}' if reason else ''}")
+    head("WHERE", asked)
+    return best
 
 
 def _rivals(matches: PlaceMatches) -> str:
@@ -138,25 +146,15 @@ def _of(place: str | None) -> str:
 
 def print_answer(matches: PlaceMatches, asked: str, reason: str) -> None:
     """What and where: the best place, the place that was asked about, and all places of the answer."""
-    if not matches.matches:
-        head("WHAT", f"{matches.status}: {reason or 'no place of the map'}")
-        head("WHERE", asked)
+    unsure = "" if matches.calibrated else " (not calibrated)"
+    if _print_what(matches, asked, reason, lambda best: f", probability {best.probability:.3f}{unsure}") is None:
         return
-    best = matches.matches[0]
-    head(
-        "WHAT",
-        f"{matches.status}: {best.map}, place {short_id(best.place)}, probability {best.probability:.3f}"
-        f"{'' if matches.calibrated else ' (not calibrated)'}{f'; {reason}' if reason else ''}",
-    )
-    head("WHERE", asked)
     table = _columns(("rank", "right"), ("building", "left"), ("place", "left"), ("at (m)", "left"))
     for name in ("similarity", "probability"):
         table.add_column(name, justify="right")
     for match in matches.matches:
-        x, y, z = match.position
-        at = f"({x:.2f}, {y:.2f}, {z:.2f})"
         figures = (f"{match.similarity:.4f}", f"{match.probability:.3f}")
-        table.add_row("", str(match.rank), cut(match.map), short_id(match.place), at, *figures)
+        table.add_row("", str(match.rank), cut(match.map), short_id(match.place), point(match.position), *figures)
     print_whole(table, console)
 
 
@@ -326,7 +324,7 @@ def _without(alike: Sequence[WithoutClass]) -> str:
 
 def _columns(*names: tuple[str, str]) -> Table:
     """A table without a frame, as far to the right as the lines of a part."""
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=True, header_style="dim")
+    table = plain_table("dim")
     table.add_column("", width=7)
     for name, justify in names:
         table.add_column(name, justify="right" if justify == "right" else "left")

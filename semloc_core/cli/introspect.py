@@ -10,15 +10,17 @@ import typer
 from semloc_core.cli.shared.common import (
     Json,
     LabelspaceOption,
+    MethodsOption,
     Seed,
     SynonymsOption,
     building_name,
+    by_comma,
     console,
     progress,
     read_graph,
 )
 from semloc_core.cli.shared.foreign_classes import report_unknown_classes
-from semloc_core.cli.shared.outputs import Writes
+from semloc_core.cli.shared.outputs import Writes, output_option
 from semloc_core.errors import ConfigError
 from semloc_core.files import PAGE, STUDY, write_whole
 
@@ -31,10 +33,7 @@ def introspect(
     building: Annotated[
         str | None, typer.Option("--building", metavar="NAME", help="Of a MAP with several: the building to study.")
     ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="HTML", parser=Writes(PAGE), help="Write the study as one page."),
-    ] = None,
+    output: Annotated[Path | None, output_option("HTML", PAGE, "Write the study as one page.")] = None,
     keep_file: Annotated[
         Path | None,
         typer.Option(
@@ -47,9 +46,7 @@ def introspect(
     labelspace: LabelspaceOption = None,
     synonyms: SynonymsOption = None,
     seeds: Annotated[int, typer.Option("--seeds", min=1, help="Trainings, with seeds from --seed on.")] = 3,
-    methods: Annotated[
-        str | None, typer.Option("--methods", metavar="NAME,…", help="Explainers, by comma; default: all.")
-    ] = None,
+    methods: MethodsOption = None,
     places: Annotated[
         int | None, typer.Option("--places", min=1, help="Explain so many places, drawn at random; default: all.")
     ] = None,
@@ -77,7 +74,7 @@ def introspect(
     from semloc_core.metrics import cell, document, print_table
     from semloc_core.training import train_config
 
-    chosen = list(EXPLAINERS) if methods is None else [name.strip() for name in methods.split(",")]
+    chosen = list(EXPLAINERS) if methods is None else by_comma(methods)
     check_methods(chosen)
     if kind_of(source) == MAP:
         if encoder is not None or steps is not None:

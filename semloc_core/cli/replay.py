@@ -22,7 +22,7 @@ from semloc_core.cli.shared.common import (
     write_json,
 )
 from semloc_core.cli.shared.foreign_classes import report_unknown_classes
-from semloc_core.cli.shared.outputs import Writes
+from semloc_core.cli.shared.outputs import Writes, output_option
 from semloc_core.config import LocaliserConfig, checked, options
 from semloc_core.files import BAG, TRAJECTORY
 from semloc_core.text import percent
@@ -44,14 +44,7 @@ def replay(
         str, typer.Option("--map", metavar="MAP|URL", help="The map file, or milvus+http://host:port/name.")
     ],
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="RESULTS",
-            parser=Writes(BAG),
-            help="Write matches, evidence and attributions to a bag.",
-        ),
+        Path | None, output_option("RESULTS", BAG, "Write matches, evidence and attributions to a bag.")
     ] = None,
     tum: Annotated[
         Path | None,

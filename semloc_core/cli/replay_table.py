@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from rich.console import Console
-from rich.table import Table
 
-from semloc_core.cli.shared.screen import many, print_whole
+from semloc_core.cli.shared.screen import many, plain_table, print_whole
 from semloc_core.replay import FROM_METRES, ReplaySummary
 from semloc_core.text import percent
 
@@ -41,7 +40,7 @@ def print_summary(title: str, summary: ReplaySummary, console: Console) -> None:
     """
     console.print(title, markup=False)
     if summary.rows:
-        table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+        table = plain_table()
         table.add_column("metres walked")
         for row in summary.rows:
             table.add_column(_stretch(str(row["scope"])), justify="right")

@@ -22,7 +22,7 @@ from semloc_core.cli.shared.common import (
     show,
 )
 from semloc_core.cli.shared.foreign_classes import AllowUnknown, check_classes
-from semloc_core.cli.shared.outputs import Writes
+from semloc_core.cli.shared.outputs import Writes, output_option
 from semloc_core.errors import ConfigError
 from semloc_core.files import MODEL, PICTURE, STATE
 
@@ -40,9 +40,7 @@ WHY_ENDED = {
 
 def train(
     graphs: Annotated[list[Path], typer.Argument(metavar="GRAPH...", help="Graphs of the buildings to train on.")],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="MODEL", parser=Writes(MODEL), help="Where to write the model.")
-    ],
+    output: Annotated[Path, output_option("MODEL", MODEL, "Where to write the model.")],
     loss: Annotated[
         Literal["infonce", "triplet", "contrastive", "mil_nce"] | None,
         typer.Option(help="Training loss; none given: the encoder's own (mil_nce; paper: infonce)."),
@@ -130,19 +128,11 @@ def train(
     own = msgspec.to_builtins(begun.encoder.config) if begun is not None else {}
     if name == "paper" and begun is None:
         own = {"layers": layers, "hidden": hidden, "heads": max(heads, 1), "gat": heads > 0, "self_loops": self_loops}
-    given = _given(options or [])
-    config = train_config(
-        name,
-        **{
-            "encoder_options": own | given.pop("encoder_options"),
-            "seed": seed,
-            **({"loss": loss} if loss is not None else {}),
-            **({"perturb": PERTURBATIONS[views], "validate": PERTURBATIONS[views]} if views is not None else {}),
-            **({"steps": steps} if steps is not None else {}),
-            **({"max_seconds": max_seconds} if max_seconds is not None else {}),
-            **given,
-        },
-    )
+    given, view = _given(options or []), PERTURBATIONS[views] if views is not None else None
+    asked = {"loss": loss, "perturb": view, "validate": view, "steps": steps, "max_seconds": max_seconds}
+    asked = {option: value for option, value in asked.items() if value is not None}
+    encoder_options = own | given.pop("encoder_options")
+    config = train_config(name, **{"encoder_options": encoder_options, "seed": seed, **asked, **given})
     with progress(f"training {name}") as bar:
 
         def on_step(report: Report) -> None:

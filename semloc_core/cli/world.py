@@ -9,10 +9,12 @@ from typing import Annotated, Literal
 import typer
 
 from semloc_core.cli.shared.common import Seed, console, progress
-from semloc_core.cli.shared.outputs import App, Writes
+from semloc_core.cli.shared.outputs import App, Writes, output_option
 from semloc_core.files import FOLDER, GRAPH
 
 app = App(no_args_is_help=True, help="Generate buildings.")
+
+GraphOutput = Annotated[Path, output_option("GRAPH", GRAPH, "Where to write the graph (JSON).")]
 
 
 def _folder(kind: str, seed: int, number: int) -> str:
@@ -26,19 +28,7 @@ def _files(kind: str, seed: int, count: int, **_: object) -> Iterator[str]:
 
 
 @app.command("office")
-def office(
-    output: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="GRAPH",
-            parser=Writes(GRAPH),
-            help="Where to write the graph (JSON).",
-        ),
-    ],
-    seed: Seed = 0,
-) -> None:
+def office(output: GraphOutput, seed: Seed = 0) -> None:
     """An office with the paper's object counts (Table I) and about 1,300 places, as a Hydra v1.1 file."""
     import numpy as np
 
@@ -50,19 +40,7 @@ def office(
 
 
 @app.command("home")
-def home(
-    output: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="GRAPH",
-            parser=Writes(GRAPH),
-            help="Where to write the graph (JSON).",
-        ),
-    ],
-    seed: Seed = 0,
-) -> None:
+def home(output: GraphOutput, seed: Seed = 0) -> None:
     """A home with furniture of COCO's classes, drawn at random, as a Hydra v1.1 file."""
     import numpy as np
 

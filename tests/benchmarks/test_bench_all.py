@@ -11,7 +11,7 @@ import torch
 from killing import Calls
 
 from semloc_core import wire
-from semloc_core.benchmark import update, verified
+from semloc_core.benchmark import timing
 from semloc_core.benchmark.case import BenchCase, make_bench_case
 from semloc_core.benchmark.explain import Peer
 from semloc_core.benchmark.growth import corridor
@@ -42,9 +42,7 @@ def counted(monkeypatch):
     def clock():
         return 1e-6 * calls.made
 
-    monkeypatch.setattr(update, "time", SimpleNamespace(perf_counter=clock, thread_time=clock))
-    monkeypatch.setattr(verified, "perf_counter", clock)
-    monkeypatch.setattr(verified, "thread_time", clock)
+    monkeypatch.setattr(timing, "time", SimpleNamespace(perf_counter=clock, thread_time=clock))
     calls.begin()
     yield
     calls.end()

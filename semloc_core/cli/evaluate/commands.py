@@ -10,11 +10,13 @@ import typer
 from semloc_core.cli.evaluate import merge as evaluate_merge
 from semloc_core.cli.evaluate import shortlist
 from semloc_core.cli.evaluate import trust as evaluate_trust
+from semloc_core.cli.evaluate.options import Models, Root, Verified, Walks
 from semloc_core.cli.shared.common import (
     Json,
     LabelspaceOption,
     Seed,
     SynonymsOption,
+    by_comma,
     console,
     progress,
     read_graph,
@@ -63,14 +65,10 @@ def office(
 
 @app.command("relocalise")
 def relocalise(
-    root: Annotated[Path, typer.Argument(metavar="ROOT", help="Folder of buildings: ROOT/*/map.json and query.json.")],
-    model: Annotated[
-        list[Path] | None, typer.Option("--model", metavar="MODEL", help="Evaluate this trained model too.")
-    ] = None,
+    root: Root,
+    model: Models = None,
     train: Annotated[bool, typer.Option(help="Train the paper's encoder on the maps and evaluate it too.")] = True,
-    verified: Annotated[
-        bool, typer.Option("--layout/--no-layout", help="Answers verified by layout too (rings and each model).")
-    ] = True,
+    verified: Verified = True,
     per_building: Annotated[bool, typer.Option(help="A row for each building.")] = True,
     seed: Seed = 0,
     json_file: Json = None,
@@ -94,11 +92,9 @@ def relocalise(
 
 @app.command("online")
 def online(
-    root: Annotated[Path, typer.Argument(metavar="ROOT", help="Folder of buildings: ROOT/*/map.json and query.json.")],
-    model: Annotated[
-        list[Path] | None, typer.Option("--model", metavar="MODEL", help="Evaluate this trained model too.")
-    ] = None,
-    walks: Annotated[int, typer.Option(min=1, help="Walks a building, on average.")] = 10,
+    root: Root,
+    model: Models = None,
+    walks: Walks = 10,
     range_m: Annotated[float, typer.Option(min=0.0, help="Sensing range along the graph, m.")] = 4.0,
     flicker_rate: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Chance, a step, that an object in range is lost until seen again.")
@@ -115,9 +111,7 @@ def online(
     filtered: Annotated[
         bool, typer.Option("--filter/--no-filter", help="With the filter too (verified answers).")
     ] = True,
-    verified: Annotated[
-        bool, typer.Option("--layout/--no-layout", help="Answers verified by layout too (rings and each model).")
-    ] = True,
+    verified: Verified = True,
     kidnapped: Annotated[
         bool, typer.Option("--kidnapped", help="Metres until right again, after being carried away.")
     ] = False,
@@ -180,7 +174,7 @@ def online(
 
 @app.command("candidates")
 def candidates(
-    root: Annotated[Path, typer.Argument(metavar="ROOT", help="Folder of buildings: ROOT/*/map.json and query.json.")],
+    root: Root,
     model: Annotated[
         list[str] | None,
         typer.Option("--model", metavar="MODEL|NAME", help="Evaluate this trained model, or shipped general encoder."),
@@ -196,7 +190,7 @@ def candidates(
     from semloc_core.encoding import load_model
     from semloc_core.evaluate import evaluate_candidates
 
-    chosen = [name.strip() for name in baselines.split(",") if name.strip()]
+    chosen = [name for name in by_comma(baselines) if name]
     models = [(Path(name).stem, load_model(name)) for name in model or []]
     with progress("evaluating") as bar:
         rows = evaluate_candidates(root, models=models, baselines=chosen, walks=walks, seed=seed, progress=bar)
@@ -205,8 +199,8 @@ def candidates(
 
 @app.command("layout")
 def layout(
-    root: Annotated[Path, typer.Argument(metavar="ROOT", help="Folder of buildings: ROOT/*/map.json and query.json.")],
-    walks: Annotated[int, typer.Option(min=1, help="Walks a building, on average.")] = 5,
+    root: Root,
+    walks: Walks = 5,
     seed: Seed = 0,
     json_file: Json = None,
 ) -> None:

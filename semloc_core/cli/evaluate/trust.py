@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from semloc_core.cli.evaluate.options import Root, Walks
 from semloc_core.cli.shared.common import Json, Seed, console, progress
 from semloc_core.cli.shared.outputs import Writes
 from semloc_core.files import FOLDER, PICTURE
@@ -19,8 +20,8 @@ _HEAD = ("method", "scope", "building", "walk", "status", "probability")
 
 
 def trust(
-    root: Annotated[Path, typer.Argument(metavar="ROOT", help="Folder of buildings: ROOT/*/map.json and query.json.")],
-    walks: Annotated[int, typer.Option(min=1, help="Walks a building, on average.")] = 10,
+    root: Root,
+    walks: Walks = 10,
     pictures: Annotated[
         Path | None,
         typer.Option(

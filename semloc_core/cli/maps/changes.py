@@ -68,56 +68,31 @@ def read_known(path: Path, reading: Reading, allow_unknown: bool) -> SceneGraph:
     return graph
 
 
-def add(
+ADD = "Add buildings, embedded by the map's own model; with --place single places of a building that the map has."
+REPLACE = "Replace buildings that the map has by newer graphs or runs of them; with --place single places."
+
+
+def put(
+    context: typer.Context,
     map_place: MapPlace,
     inputs: Inputs,
     name: Name = None,
-    place: Places = None,
+    places: Places = None,
     labelspace: LabelspaceOption = None,
     synonyms: SynonymsOption = None,
     allow_unknown: AllowUnknown = False,
     topic: TopicOption = None,
     robot: RobotOption = None,
 ) -> None:
-    """Add buildings, embedded by the map's own model; with --place single places of a building that the map has."""
+    """The commands ``add`` and ``replace``: which of the two, the context says."""
     from semloc_core.graph import Reading
-
-    reading = Reading.of(labelspace, synonyms, topic=topic, robot=robot)
-    _change(map_place, inputs, name, place, False, reading, allow_unknown)
-
-
-def replace(
-    map_place: MapPlace,
-    inputs: Inputs,
-    name: Name = None,
-    place: Places = None,
-    labelspace: LabelspaceOption = None,
-    synonyms: SynonymsOption = None,
-    allow_unknown: AllowUnknown = False,
-    topic: TopicOption = None,
-    robot: RobotOption = None,
-) -> None:
-    """Replace buildings that the map has by newer graphs or runs of them; with --place single places."""
-    from semloc_core.graph import Reading
-
-    reading = Reading.of(labelspace, synonyms, topic=topic, robot=robot)
-    _change(map_place, inputs, name, place, True, reading, allow_unknown)
-
-
-def _change(
-    map_place: str,
-    inputs: list[Path],
-    name: str | None,
-    places: list[str] | None,
-    replace: bool,
-    reading: Reading,
-    allow_unknown: bool,
-) -> None:
     from semloc_core.map_merge import put_building, store_edited, with_places
 
-    done, said = "replaced" if replace else "added", []
+    replace = context.info_name == "replace"
+    done, said = "replaced" if replace else "added", list[str]()
     if places and len(inputs) != 1:
         raise MapError(f"expected one input with --place (got {len(inputs)})")
+    reading = Reading.of(labelspace, synonyms, topic=topic, robot=robot)
     with to_change(map_place) as (database, model), database.transaction():
         reading = reading.with_known(model.labelspace)
         for path, building in zip(inputs, names_of(inputs, name), strict=True):

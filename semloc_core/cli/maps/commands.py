@@ -21,7 +21,7 @@ from semloc_core.cli.shared.common import (
 )
 from semloc_core.cli.shared.foreign_classes import AllowUnknown
 from semloc_core.cli.shared.map_places import Index, fresh, map_that_was, refuse_existing
-from semloc_core.cli.shared.outputs import App, Force, Writes
+from semloc_core.cli.shared.outputs import App, Force, output_option
 from semloc_core.cli.shared.screen import many
 from semloc_core.files import MAP
 
@@ -31,16 +31,7 @@ app = App(no_args_is_help=True, help="Build and change map databases.")
 @app.command("build")
 def build(
     inputs: Inputs,
-    output: Annotated[
-        str,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="MAP",
-            parser=Writes(MAP, address=True),
-            help="Where to write the map: a file or an address.",
-        ),
-    ],
+    output: Annotated[str, output_option("MAP", MAP, "Where to write the map: a file or an address.", address=True)],
     model: Annotated[
         str | None,
         typer.Option(
@@ -78,8 +69,8 @@ def build(
 
 
 app.command("info")(map_info.info)
-app.command("add")(map_changes.add)
-app.command("replace")(map_changes.replace)
+app.command("add", help=map_changes.ADD)(map_changes.put)
+app.command("replace", help=map_changes.REPLACE)(map_changes.put)
 app.command("remove")(map_changes.remove)
 app.command("merge")(map_changes.merge)
 app.command("push")(map_server.push)

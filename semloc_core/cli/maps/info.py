@@ -11,7 +11,7 @@ from rich.text import Text
 
 from semloc_core.cli.shared.common import Json, write_json
 from semloc_core.cli.shared.map_places import MapPlace, server_map, to_read
-from semloc_core.cli.shared.screen import console, cut, many, print_whole
+from semloc_core.cli.shared.screen import console, cut, many, plain_table, print_whole
 from semloc_core.fleet import is_address
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def _print_head(facts: dict[str, Any]) -> None:
 
 def _table(*names: str) -> Table:
     """A table without a frame: names, then figures."""
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+    table = plain_table()
     for number, name in enumerate(names):
         table.add_column(name, justify="right" if number else "left")
     return table

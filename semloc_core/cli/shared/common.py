@@ -58,17 +58,18 @@ RobotOption = Annotated[
     str | None,
     typer.Option("--robot", metavar="NAME", help="Of several robots in one file, this one; default: the first."),
 ]
+MethodsOption = Annotated[
+    str | None, typer.Option("--methods", metavar="NAME,…", help="Explainers, by comma; default: all.")
+]
 ToleranceOption = Annotated[
     float,
     typer.Option("--truth-tolerance", metavar="S", min=0.0, help="How far the ground truth's stamp may be off, s."),
 ]
 
 
-def is_run(path: Path) -> bool:
-    """Whether an input is a run rather than a graph file."""
-    from semloc_core.sources import is_run as of_content
-
-    return of_content(path)
+def by_comma(words: str) -> list[str]:
+    """The names in a list such as ``rings, tfidf``."""
+    return [name.strip() for name in words.split(",")]
 
 
 def building_name(path: Path) -> str:
@@ -79,13 +80,11 @@ def building_name(path: Path) -> str:
 def read_graph(path: Path, reading: Reading) -> HydraFile:
     """Read a GRAPH, or a RUN to its end, and say what had to be decided of its classes."""
     from semloc_core.graph import labelspace_from_hydra
-    from semloc_core.sources import HydraFile, read_hydra
+    from semloc_core.sources import HydraFile, graph_at_end, is_run, read_hydra
 
     if not path.exists():
         raise FileFormatError(f"expected a scene-graph file (got {path}, which does not exist)")
     if is_run(path):
-        from semloc_core.sources import graph_at_end
-
         labels = reading.labels()
         graph = labels.graph(graph_at_end(path, reading=reading))
         tell(path, labels.told())

@@ -60,6 +60,11 @@ class Writes:
             yield from (Output(name, Path(value) / file, self.inside, inside=True) for file in self.files(values))
 
 
+def output_option(metavar: str, kind: str, help: str, **how: Any) -> Any:
+    """``-o``, ``--output``: what a command writes; ``how`` as of `Writes`."""
+    return typer.Option("-o", "--output", metavar=metavar, parser=Writes(kind, **how), help=help)
+
+
 def writes(parameter: Any) -> Writes | None:
     """How an option or argument says that it is written."""
     described = getattr(parameter, "type_descriptor", None)  # of newer typers; click's type before

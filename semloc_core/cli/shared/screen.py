@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -30,9 +31,19 @@ def many(count: int, name: str, plural: str | None = None) -> str:
     return f"{count} {name if count == 1 else plural or name + 's'}"
 
 
+def point(at: Sequence[float]) -> str:
+    """A position in metres, to the centimetre."""
+    return "({:.2f}, {:.2f}, {:.2f})".format(*at)
+
+
 def cut(name: str) -> str:
     """A name for a table's cell: what is longer than `LONGEST_NAME` characters ends in ``…``."""
     return name if len(name) <= LONGEST_NAME else name[: LONGEST_NAME - 1] + "…"
+
+
+def plain_table(header_style: str = "bold") -> Table:
+    """A table without a frame, its columns two spaces apart."""
+    return Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style=header_style)
 
 
 def print_whole(table: Table, to: Console) -> None:
@@ -44,7 +55,7 @@ def print_whole(table: Table, to: Console) -> None:
 def print_pivot(pivot: Pivot, to: Console) -> None:
     """Print a small table: a line a method; where a method has no figure the cell is empty."""
     to.print(Text.assemble("\n", (pivot.title, "bold")))
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    table = plain_table("dim")
     table.add_column("method")
     for column in pivot.columns:
         table.add_column(column, justify="right")
