@@ -11,6 +11,7 @@ COPY pyproject.toml README.md LICENSE constraints.txt ./
 COPY tools tools
 COPY semloc_core semloc_core
 RUN sh tools/ros_venv.sh /usr/bin/python3 .venv
+COPY semloc_msgs semloc_msgs
 COPY semloc_ros semloc_ros
 COPY ros2_ws/src ros2_ws/src
 WORKDIR /opt/semloc/ros2_ws

@@ -38,6 +38,11 @@ def time_msg(stamp_ns: int) -> Time:
     return Time(sec=stamp_ns // NS_PER_S, nanosec=stamp_ns % NS_PER_S)
 
 
+def stamp_ns(stamp: Time) -> int:
+    """A ROS time as nanoseconds."""
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+
+
 def header(stamp_ns: int, frame_id: str) -> Header:
     """A header."""
     return Header(stamp=time_msg(stamp_ns), frame_id=frame_id)

@@ -82,12 +82,11 @@ class Bridge(Node):
             self._convert(message)
 
     def _convert(self, message: Any) -> None:
-        stamp = message.header.stamp
         try:
             update = self._stream.update(
                 bytes(message.layer_contents),
                 message.full_update,
-                stamp.sec * conversions.NS_PER_S + stamp.nanosec,
+                conversions.stamp_ns(message.header.stamp),
                 message.header.frame_id,
                 message.deleted_nodes,
                 message.deleted_edges,

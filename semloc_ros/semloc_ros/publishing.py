@@ -17,10 +17,12 @@ from __future__ import annotations
 
 import threading
 import time
+from typing import Any
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.lifecycle import LifecycleNode
+from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
@@ -49,6 +51,7 @@ from semloc_ros.markers import (
 from semloc_ros.parameters import NodeConfig
 from semloc_ros.pose import Seeding
 from semloc_ros.tf import Stamped, Steady
+from semloc_ros.typed import Twofold
 from semloc_ros.worker import Answer
 
 
@@ -62,10 +65,15 @@ class Publishing:
 
     def __init__(self, node: LifecycleNode) -> None:
         self._node = node
-        make = node.create_lifecycle_publisher
-        self._matches = make(String, "~/matches", qos.ANSWERS)
-        self._attributions = make(String, "~/attributions", qos.ANSWERS)
-        self._evidence = make(String, "~/evidence", qos.ANSWERS)
+        self._made: list[Any] = []
+
+        def make(type_: type, topic: str, profile: QoSProfile) -> Any:
+            self._made.append(node.create_lifecycle_publisher(type_, topic, profile))
+            return self._made[-1]
+
+        self._matches = Twofold(make, "~/matches", wire.PlaceMatches)
+        self._attributions = Twofold(make, "~/attributions", wire.ClassAttributions)
+        self._evidence = Twofold(make, "~/evidence", wire.ClassAttributions)
         self._explanations = make(String, "~/explanations", qos.ANSWERS)
         self._pose = make(PoseWithCovarianceStamped, "~/pose", qos.ANSWERS)
         self._tf = make(TFMessage, "/tf", qos.TRANSFORMS)
@@ -86,17 +94,7 @@ class Publishing:
 
     def destroy(self) -> None:
         """Free the publishers."""
-        for publisher in (
-            self._matches,
-            self._attributions,
-            self._evidence,
-            self._explanations,
-            self._pose,
-            self._tf,
-            self._initialpose,
-            self._markers,
-            self._map_markers,
-        ):
+        for publisher in self._made:
             self._node.destroy_lifecycle_publisher(publisher)
         self._node.destroy_subscription(self._amcl)
 

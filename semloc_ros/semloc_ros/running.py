@@ -20,6 +20,7 @@ import os
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -67,6 +68,11 @@ class RosLog(logging.Handler):
                 self._logger.debug(line)
         except Exception:  # as logging has it: a line that can't be said ends nothing
             self.handleError(record)
+
+
+def of_callback(error: BaseException) -> bool:
+    """Whether an error came out of a callback, rather than of the executor itself."""
+    return any(frame.f_code.co_name == "handler" for frame, _ in traceback.walk_tb(error.__traceback__))
 
 
 def run(
@@ -119,6 +125,14 @@ def run(
                 except InvalidHandle as error:
                     # Something was destroyed, in order, while its callback ran: that ends the callback, not the node.
                     node.get_logger().debug(f"a callback outlived what it belongs to: {error}")
+                except SemlocError:
+                    raise
+                except Exception as error:
+                    if not of_callback(error):
+                        raise
+                    # Such as rclpy's own, of a /clock before 1970: it costs the message, not the node.
+                    line = f"a callback failed: {type(error).__name__}: {error}"
+                    node.get_logger().error(line, throttle_duration_sec=1.0)
         except BaseException as error:
             failed.append(error)
         finally:

@@ -24,11 +24,13 @@ import time
 
 import building
 import pytest
+from builtin_interfaces.msg import Time
 from conftest import PATIENCE_S, Client, wait_for
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 CONFIGURE, CLEANUP, ACTIVATE, DEACTIVATE = 1, 2, 3, 4
@@ -220,6 +222,19 @@ def test_any_order_of_valid_calls_at_any_time(running, assets, seed):
     side.connect().send(run[0])
     before = len(side.seen["/localiser/matches"])
     side.wait_matches(before + 1)
+
+
+def test_a_clock_before_1970_costs_its_message_and_not_the_node(running):
+    # rclpy's own callback raises on it: whatever a callback raises, the others go on.
+    side = running(autostart=True, use_sim_time=True)
+    clock = side.node.create_publisher(Clock, "/clock", 10)
+    wait_for(clock.get_subscription_count, "the clock's subscriber")
+    wait_for(lambda: side.state() == ACTIVE, "it to start itself")
+    for seconds in (100, -1, -(2**31), 2**31 - 1, 0, -5):
+        clock.publish(Clock(clock=Time(sec=seconds)))
+        assert side.state() == ACTIVE
+    side.connect().send(updates()[0])
+    side.wait_matches(1)
 
 
 def test_what_the_core_logs_goes_to_the_ros_logger(spin, capfd):

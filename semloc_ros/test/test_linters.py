@@ -63,7 +63,7 @@ def test_copyright():
 
 def test_xmllint():
     main = pytest.importorskip("ament_xmllint.main")
-    assert main.main(argv=[str(PACKAGE / "package.xml")]) == 0
+    assert main.main(argv=[str(PROJECT / name / "package.xml") for name in ("semloc_ros", "semloc_msgs")]) == 0
 
 
 def test_the_manifest_names_every_ros_package_that_is_imported_or_launched():

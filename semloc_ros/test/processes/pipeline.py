@@ -23,6 +23,10 @@ import rclpy
 import scene
 from conftest import wait_for
 from scene import Watching, describe, localiser, player
+from semloc_ros.typed import struct_of
+
+from semloc_core import wire
+from semloc_ros import qos
 
 
 def generate_test_description():
@@ -54,10 +58,26 @@ class TestPipeline(Watching):
         wait_for(lambda: len(self.client.attributions) > 3, "attributions")
         wait_for(lambda: self.client.seen["/localiser/pose"], "a pose")
 
-    def test_2_a_late_subscriber_gets_the_map_markers(self):
-        from visualization_msgs.msg import MarkerArray
+    def test_2_typed_messages_say_what_the_json_says(self):
+        try:
+            import semloc_msgs.msg as there
+        except ImportError:
+            self.skipTest("semloc_msgs is not installed")
+        for topic, kind in (
+            ("matches", wire.PlaceMatches),
+            ("evidence", wire.ClassAttributions),
+            ("attributions", wire.ClassAttributions),
+        ):
+            seen, message = [], getattr(there, kind.__name__)
+            self.client.node.create_subscription(message, f"/localiser/{topic}_typed", seen.append, qos.ANSWERS)
+            wait_for(lambda seen=seen: len(seen) >= 3, f"typed {topic}")
+            texts = [message.data.encode() for message in list(self.client.seen[f"/localiser/{topic}"])]
+            for message in list(seen):
+                assert wire.encode(struct_of(message, kind)) in texts
+                assert message.header.stamp.sec > 0
 
-        from semloc_ros import qos
+    def test_3_a_late_subscriber_gets_the_map_markers(self):
+        from visualization_msgs.msg import MarkerArray
 
         late, seen = rclpy.create_node("late"), []
         late.create_subscription(MarkerArray, "/localiser/map_markers", seen.append, qos.LATCHED)
@@ -75,7 +95,7 @@ class TestPipeline(Watching):
             self._late.add_node(node)
         return self._late
 
-    def test_3_a_killed_localiser_comes_back(self):
+    def test_4_a_killed_localiser_comes_back(self):
         before = wait_for(pids_of, "the localiser's process")
         explaining = wait_for(lambda: pids_of("semloc_ros.explain_process"), "the process that explains")
         for pid in before:
@@ -85,7 +105,7 @@ class TestPipeline(Watching):
         fresh = self.answers_after(30)
         assert fresh[-1].status in ("match", "ambiguous"), fresh[-1].status
 
-    def test_4_sigint_ends_it_with_0(self):
+    def test_5_sigint_ends_it_with_0(self):
         # One of its own, so that launch does not start it again.
         command = ["ros2", "run", "semloc_ros", "localiser", "--ros-args", "-r", "__node:=mortal"]
         command += ["-p", f"map:={scene.ASSETS / 'home.map'}"]
