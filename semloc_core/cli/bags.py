@@ -33,13 +33,39 @@ def simulate(
     speed: Annotated[float, typer.Option(help="Walking speed, m/s.")] = 0.5,
     distance: Annotated[float, typer.Option(help="How far to walk, m; agent poses are followed to their end.")] = 60.0,
     range_m: Annotated[float, typer.Option("--range", help="Sensing range along walkable ways, m.")] = 5.0,
-    miss_rate: Annotated[float, typer.Option(help="Share of the objects that are never detected.")] = 0.1,
-    false_rate: Annotated[float, typer.Option(help="Invented objects for each true one.")] = 0.05,
+    miss_rate: Annotated[
+        float | None, typer.Option(help="Share of the objects that are never detected (0.1).", show_default=False)
+    ] = None,
+    false_rate: Annotated[
+        float | None, typer.Option(help="Invented objects for each true one (0.05).", show_default=False)
+    ] = None,
     position_noise: Annotated[float, typer.Option(help="Standard deviation of object positions, m.")] = 0.1,
-    rate: Annotated[float, typer.Option(help="Updates per second.")] = 2.0,
+    rate: Annotated[
+        float | None, typer.Option(help="Updates per second (2), or a camera's frames (4).", show_default=False)
+    ] = None,
     drift: Annotated[
         float, typer.Option(min=0.0, help="Drift of the run's frame; 1: 0.5° and 0.03 m per axis, a root metre.")
     ] = 0.0,
+    detections: Annotated[
+        bool,
+        typer.Option(
+            "--detections",
+            help="Record what a 3D detector, odometry and transforms say, for `graph from-detections`; "
+            "--miss-rate is then of each frame (0.2), --false-rate 0.02.",
+        ),
+    ] = False,
+    cameras: Annotated[int, typer.Option(help="With --detections: cameras, evenly around.")] = 1,
+    fov: Annotated[float, typer.Option(help="With --detections: a camera's width of view, degrees.")] = 90.0,
+    confusion_rate: Annotated[
+        float, typer.Option(help="With --detections: chance, in each frame, that another class scores best.")
+    ] = 0.1,
+    depth_noise: Annotated[
+        float, typer.Option(help="With --detections: deviation of depth at 1 m, m; it grows with the square.")
+    ] = 0.005,
+    grid: Annotated[
+        Path | None,
+        typer.Option("--grid", metavar="MAP.yaml", help="With --detections: walls that hide, recorded as well."),
+    ] = None,
     poses: Annotated[bool, typer.Option(help="Follow the file's agent poses, where it has them.")] = True,
     robot: RobotOption = None,
     seed: Seed = 0,
@@ -51,29 +77,39 @@ def simulate(
     import numpy as np
 
     from semloc_core.graph import Reading, advice, listed, number_of
-    from semloc_core.sources import SimulationConfig, simulate_traversal, write_run
+    from semloc_core.sources import (
+        DetectorConfig,
+        SimulationConfig,
+        read_nav2,
+        simulate_detections,
+        simulate_traversal,
+        write_detections,
+        write_run,
+    )
 
     file = read_graph(graph, Reading.of(labelspace, synonyms))
     numbers = Counter(thing.class_ for thing in file.graph.objects.values() if number_of(thing.class_) is not None)
     if numbers:
         note(f"{graph}: class numbers without names are recorded as such: {listed(numbers)}; {advice(numbers)}")
-    config = SimulationConfig.of(
-        speed_mps=speed,
-        distance_m=distance,
-        range_m=range_m,
-        miss_rate=miss_rate,
-        false_rate=false_rate,
-        position_noise_m=position_noise,
-        rate_hz=rate,
-        shared_frame=True,
-        drift=drift,
-        frame_id=building_name(graph),
-    )
+    shared: dict[str, object] = {"speed_mps": speed, "distance_m": distance, "range_m": range_m, "drift": drift}
+    shared["frame_id"] = building_name(graph)
+    given = {"miss_rate": miss_rate, "false_rate": false_rate, "rate_hz": rate}
+    shared |= {name: value for name, value in given.items() if value is not None}
     agents = file.agents_of(robot) if poses and (file.agents or robot) else None
     if agents and len(file.robots) > 1:
         names = ", ".join(file.robots)
         note(f"{graph}: poses of {len(file.robots)} robots, {names}: those of {agents[0].robot} are followed")
+    way = f"along {len(agents)} recorded poses" if agents else f"along {distance:g} m of random goals"
+    if detections:
+        seen_by = {"cameras": cameras, "horizontal_fov_deg": fov}
+        errors = {"confusion_rate": confusion_rate, "depth_noise": depth_noise}
+        detector = DetectorConfig.of(**shared, **seen_by, **errors)
+        walls = None if grid is None else read_nav2(grid)
+        glances = simulate_detections(file.graph, detector, np.random.default_rng(seed), agents=agents, grid=walls)
+        count = write_detections(output, glances, truth_frame=detector.frame_id, grid=walls)
+        console.print(f"{output}: {count} frames of detections, {way}")
+        return
+    config = SimulationConfig.of(**shared, position_noise_m=position_noise, shared_frame=True)
     steps = simulate_traversal(file.graph, config, np.random.default_rng(seed), agents=agents)
     count = write_run(output, steps)
-    way = f"along {len(agents)} recorded poses" if agents else f"along {distance:g} m of random goals"
     console.print(f"{output}: {count} updates, {way}")

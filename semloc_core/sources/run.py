@@ -1,7 +1,7 @@
 """A run on disk: scene-graph updates and, for evaluation only, the robot's true poses. What is a run is told here.
 
-A run is a bag with updates as JSON text or as Hydra publishes them (`hydra_msgs/DsgUpdate`), or a file of JSON text,
-an update a line.
+A run is a bag with updates as JSON text or as Hydra publishes them (`hydra_msgs/DsgUpdate`), or with 3D detections and
+what says where the robot was; or a file of JSON text, an update a line.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import chain, islice
 from math import cos, sin
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import msgspec
 
@@ -35,9 +35,13 @@ from semloc_core.sources.bag import (
     decode_string,
 )
 from semloc_core.sources.bag.kinds import kind_of, unpacked
+from semloc_core.sources.bag.typed import DETECTIONS, GRID, ODOMETRY, TRANSFORMS, TypedMessages
 from semloc_core.sources.truth import TOLERANCE_S, TruthMatcher
 from semloc_core.text import short_repr
 from semloc_core.wire import Position, SceneGraphUpdate
+
+if TYPE_CHECKING:
+    from semloc_core.sources.detections.stream import StreamConfig
 
 _LOG = logging.getLogger(__name__)
 _WAITING = 32
@@ -116,6 +120,38 @@ def write_run(path: str | Path, steps: Iterable[RecordedStep], *, compression: C
     return count
 
 
+def write_updates(path: str | Path, run: Run) -> int:
+    """Record what a run's messages make: its updates, and its true poses as they are.
+
+    Args:
+        path: a ``.mcap`` file, or a rosbag2 folder.
+        run: to be read.
+
+    Returns:
+        How many updates were written.
+
+    Raises:
+        BagError: the run can't be read or has no updates, or the bag can't be written.
+
+    """
+    count, messages = 0, iter(run)
+    waiting = []
+    for message in messages:  # what can't begin leaves no bag behind
+        waiting.append(message)
+        if message.text is not None:
+            break
+    else:
+        raise BagError(f"expected detections that make an update in {run.path} (got none)")
+    with BagWriter(path) as bag:
+        for message in chain(waiting, messages):
+            if message.text is not None:
+                bag.write_string(SCENE_GRAPH_TOPIC, message.received_ns, message.text)
+                count += 1
+            elif message.raw is not None:
+                bag.write_raw(message.raw)
+    return count
+
+
 @short_repr
 class RunMessage(NamedTuple):
     """A message of a run: an update, or a true pose.
@@ -173,6 +209,7 @@ class Run:
         truth_topic: where the true poses are; None: ``/ground_truth``, or ``ground_truth`` beside the updates.
         reading: what Hydra's class numbers are, where its graphs have no names for them.
         truth_only: it needs no updates.
+        detections: how a graph is made of detections, where the run has these.
 
     Attributes:
         topic: the updates'; None in JSON text.
@@ -193,13 +230,16 @@ class Run:
         truth_topic: str | None = None,
         reading: Reading | None = None,
         truth_only: bool = False,
+        detections: StreamConfig | None = None,
     ) -> None:
         self.path = Path(path)
         self.said: list[str] = []
         self.passed_over: Counter[str] = Counter()
         self._reading = reading
         self._robot = robot
+        self._detections = detections
         self.topic: str | None = None
+        self._beside_detections: dict[str, str] = {}
         self._truth: str | None = None
         self._types: dict[str, str] = {}
         if not self.path.exists():
@@ -213,6 +253,8 @@ class Run:
                 self._types.setdefault(topic, STRING)
             self.topic = topic or self._pick(robot)
             self._check(self.topic)
+            if self._types[self.topic] == DETECTIONS:
+                self._beside_detections = self._with_detections(topic, robot)
             self._truth = truth_topic or self._beside(self.topic)
             if self._truth is not None and self._types.get(self._truth) not in _TRUTHS:
                 raise BagError(
@@ -225,6 +267,11 @@ class Run:
             with unpacked(self.path) as (whole, _):
                 return kind_of(whole) is not None
         return kind is not None or self.path.name.endswith((".mcap", ".db3"))
+
+    @property
+    def type(self) -> str | None:
+        """Type of the messages that updates are, or are made of; None in JSON text."""
+        return None if self.topic is None else self._types[self.topic]
 
     def __iter__(self) -> Iterator[RunMessage]:
         """Updates and true poses.
@@ -239,7 +286,11 @@ class Run:
         wanted = {self.topic: self._types[self.topic]}
         if self._truth is not None:
             wanted[self._truth] = self._types[self._truth]
+        wanted |= self._beside_detections
         reader = BagReader(self.path, wanted)
+        if self._types[self.topic] == DETECTIONS:
+            yield from self._from_detections(reader)
+            return
         hydra = _Hydra(self, reader, self._reading, self._robot) if self._types[self.topic] == _DSG_UPDATE else None
         for message in reader:
             if message.topic == self._truth:
@@ -250,6 +301,60 @@ class Run:
                 yield RunMessage(message.stamp_ns, text)
         if hydra is not None:
             hydra.finish()
+
+    def _from_detections(self, reader: BagReader) -> Iterator[RunMessage]:
+        """The updates that detections make, and true poses."""
+        from semloc_core.sources.detections.frames import Frames
+        from semloc_core.sources.detections.stream import DetectionStream, StreamConfig, transform_of
+
+        frames, typed = Frames(), TypedMessages(reader)
+        stream = DetectionStream(self._detections or StreamConfig(), frames)
+        received_ns = 0
+        for message in reader:
+            received_ns = message.stamp_ns
+            if message.topic == self._truth:
+                yield RunMessage(message.stamp_ns, None, decode_truth(message), message)
+                continue
+            updates: Iterable[SceneGraphUpdate] = ()
+            try:
+                found = typed.decode(message)
+                if message.type == DETECTIONS:
+                    updates = stream.detections(found)
+                elif message.type == ODOMETRY:
+                    frames.add(*stream.odometry(found), odometry=True)
+                elif message.type == TRANSFORMS:
+                    static = message.topic.endswith("static")
+                    for one in found.transforms:
+                        frames.add(*transform_of(one), static=static)
+                else:
+                    stream.grid(found)
+                for update in chain(updates, stream.poll()):
+                    yield RunMessage(received_ns, wire.encode(update).decode())
+            except (MessageError, BagError) as error:
+                self.passed_over[str(error)] += 1
+        for update in stream.poll(end=True):
+            yield RunMessage(received_ns, wire.encode(update).decode())
+        for reason, count in (self.passed_over + stream.passed_over).items():
+            _LOG.warning("%s: passed over %d × %s", self.path, count, reason)
+
+    def _with_detections(self, topic: str | None, robot: str | None) -> dict[str, str]:
+        """Topic -> type of what is read beside the first topic of detections: other cameras', poses, a grid."""
+
+        def topics(type_: str, *usual: str) -> list[str]:
+            found = sorted(name for name, of in self._types.items() if of == type_)
+            if robot is not None:
+                found = [name for name in found if robot in name.split("/")] or found
+            return next(([name] for name in usual if name in found), found)
+
+        assert self.topic is not None
+        wanted = dict.fromkeys([self.topic] if topic else topics(DETECTIONS), DETECTIONS)
+        for type_, usual in ((ODOMETRY, ("/odometry", "/odom")), (GRID, ("/grid", "/map"))):
+            wanted |= dict.fromkeys(topics(type_, *usual)[:1], type_)
+        wanted |= dict.fromkeys(topics(TRANSFORMS), TRANSFORMS)
+        if not {ODOMETRY, TRANSFORMS} & {*wanted.values()}:
+            raise BagError(f"expected {ODOMETRY} or {TRANSFORMS} beside detections in {self.path} ({self._listed()})")
+        self.said.append(f"a graph is made of detections: {', '.join(sorted(wanted))}")
+        return wanted
 
     def _from_lines(self) -> Iterator[RunMessage]:
         stamp_ns = 0
@@ -268,6 +373,8 @@ class Run:
             found = sorted(t for t, type_ in self._types.items() if type_ == _DSG_UPDATE)
             # Hydra's frontend publishes what its backend has not yet corrected.
             fitting = [t for t in found if "frontend" not in t.split("/")] or found
+            if not fitting and (found := sorted(t for t, type_ in self._types.items() if type_ == DETECTIONS)):
+                return next((t for t in found if robot is not None and robot in t.split("/")), found[0])
         if not fitting:
             raise BagError(f"expected scene-graph updates on {SCENE_GRAPH_TOPIC} in {self.path} (got {self._listed()})")
         names = robots_of(fitting)
@@ -286,11 +393,11 @@ class Run:
         return names[chosen]
 
     def _check(self, topic: str) -> None:
-        if self._types.get(topic) not in (STRING, _DSG_UPDATE):
+        if self._types.get(topic) not in (STRING, _DSG_UPDATE, DETECTIONS):
             got = self._types.get(topic, "no such topic")
             raise BagError(
-                f"expected {STRING} or {_DSG_UPDATE} with scene-graph updates on {topic} in {self.path} "
-                f"(got {got}; {self._listed()})"
+                f"expected {STRING} or {_DSG_UPDATE} with scene-graph updates, or {DETECTIONS}, on {topic} "
+                f"in {self.path} (got {got}; {self._listed()})"
             )
 
     def _beside(self, topic: str) -> str | None:
@@ -373,15 +480,15 @@ class _Hydra:
             ) from error
         from semloc_core.sources.hydra.stream import DsgStream
 
-        self._run, self._reader = run, reader
+        self._run = run
         self._stream = DsgStream(reading, 5.0, robot)
         self._asked = robot
-        self._store: Any = None
+        self._typed = TypedMessages(reader, {_DSG_UPDATE: _DSG_FIELDS})
 
     def text(self, message: BagMessage) -> str | None:
         """The update that a message makes, as JSON; None where it makes none."""
         try:
-            found = self._decode(message)
+            found = self._typed.decode(message)
             update = self._stream.update(
                 bytes(found.layer_contents),
                 bool(found.full_update),
@@ -412,23 +519,6 @@ class _Hydra:
             )  # fmt: skip
         for reason, count in self._run.passed_over.items():
             _LOG.warning("%s: passed over %d × %s", self._run.path, count, reason)
-
-    def _decode(self, message: BagMessage) -> Any:
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-        try:
-            if self._store is None:
-                text = self._reader.definitions.get(message.topic) or _DSG_FIELDS
-                store = get_typestore(Stores.ROS2_JAZZY)
-                known = store.fielddefs
-                new = {name: of for name, of in get_types_from_msg(text, _DSG_UPDATE).items() if name not in known}
-                store.register(new)
-                self._store = store
-            return self._store.deserialize_cdr(message.data, _DSG_UPDATE)
-        except Exception as error:
-            # rosbags' own errors, and whatever a broken definition or payload leads to.
-            reason = " ".join(str(error).split())[:120] or type(error).__name__
-            raise BagError(f"expected a {_DSG_UPDATE} (got: {reason})") from error
 
 
 def decode_truth(message: BagMessage) -> Truth:
@@ -495,7 +585,9 @@ def _stamp_of(text: str, received_ns: int) -> int:
         return received_ns
 
 
-def graph_at_end(path: str | Path, *, reading: Reading | None = None) -> SceneGraph:
+def graph_at_end(
+    path: str | Path, *, reading: Reading | None = None, detections: StreamConfig | None = None
+) -> SceneGraph:
     """The scene graph that a run's updates lead to: what a map is built from.
 
     Malformed updates are left out, as the localiser does, and logged. If updates are missing and no full one
@@ -504,6 +596,7 @@ def graph_at_end(path: str | Path, *, reading: Reading | None = None) -> SceneGr
     Args:
         path: the run.
         reading: says which updates are meant, and what Hydra's class numbers are; labels that are names stay.
+        detections: how a graph is made of detections, where the run has these.
 
     Raises:
         BagError: the run can't be read, or no update of it could be applied.
@@ -512,7 +605,7 @@ def graph_at_end(path: str | Path, *, reading: Reading | None = None) -> SceneGr
     stream = UpdateStream()
     graph: SceneGraph | None = None
     asked = reading or Reading()
-    run = Run(path, topic=asked.topic, robot=asked.robot, reading=reading)
+    run = Run(path, topic=asked.topic, robot=asked.robot, reading=reading, detections=detections)
     for line in run.said:
         _LOG.warning("%s: %s", path, line)
     for message in run:

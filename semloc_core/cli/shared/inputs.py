@@ -21,6 +21,8 @@ WHAT: dict[str, tuple[str, type[SemlocError]]] = {
     "GRAPH|RUN...": ("a scene-graph file or a run", FileFormatError),
     "[GRAPH|RUN]": ("a scene-graph file or a run", FileFormatError),
     "RUN": ("a bag", FileFormatError),
+    "MAP.yaml": ("a map of nav2", FileFormatError),
+    "OBJECTS": ("a list of objects", FileFormatError),
     "RESULTS": ("a bag", FileFormatError),
     "MAP": ("a map file", MapError),
     "MAP|URL": ("a map file", MapError),
@@ -30,7 +32,7 @@ WHAT: dict[str, tuple[str, type[SemlocError]]] = {
     "MODEL": ("a model file", FileFormatError),
 }
 """What an input is, by the word that stands for it in the help, and the error that its absence is."""
-OPTIONS = ("--map", "--run", "--study", "--synonyms", "--model")
+OPTIONS = ("--map", "--run", "--study", "--synonyms", "--model", "--grid")
 """Options that name inputs; the names of shipped models are no files."""
 
 

@@ -6,7 +6,6 @@ each channel's ``offered_qos_profiles`` and ``topic_type_hash``. The same messag
 
 from __future__ import annotations
 
-import functools
 import logging
 from pathlib import Path
 from types import TracebackType
@@ -38,6 +37,7 @@ from semloc_core.sources.bag.cdr import (
     encode_string,
 )
 from semloc_core.sources.bag.reader import BagMessage
+from semloc_core.sources.bag.typed import typestore
 from semloc_core.wire import Position
 
 _LOG = logging.getLogger(__name__)
@@ -64,11 +64,19 @@ _QOS = {
 }
 
 
+# Who listens for static transforms asks for those that were sent before.
+_STATIC = _QOS | {"durability": "transient_local"}
+
+
 class _PlainDumper(yaml.SafeDumper):
     """YAML without anchors: the same profile under two topics is written out twice."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
+
+
+def _qos(topic: str) -> dict[str, Any]:
+    return _STATIC if topic.endswith("/tf_static") else _QOS
 
 
 def _to_yaml(value: Any) -> str:
@@ -80,13 +88,6 @@ class _Topic(NamedTuple):
     channel: int
     type: str
     type_hash: str
-
-
-@functools.lru_cache(maxsize=1)
-def _typestore() -> Any:
-    from rosbags.typesys import Stores, get_typestore
-
-    return get_typestore(Stores.ROS2_JAZZY)
 
 
 class BagWriter:
@@ -143,7 +144,7 @@ class BagWriter:
 
         Args:
             topic: e.g. ``/scene_graph``.
-            type_: a type that ROS 2 Jazzy ships, e.g. ``std_msgs/msg/String``.
+            type_: a type that ROS 2 Jazzy ships, or of vision_msgs, e.g. ``std_msgs/msg/String``.
             stamp_ns: when it was received (mcap's log time, what a player goes by), ns, not negative.
             data: the message as CDR.
             publish_ns: when it was sent; by default the same.
@@ -238,8 +239,8 @@ class BagWriter:
         from rosbags.typesys import TypesysError
 
         try:
-            definition, _ = _typestore().generate_msgdef(type_, ros_version=2)
-            type_hash = _typestore().hash_rihs01(type_)
+            definition, _ = typestore().generate_msgdef(type_, ros_version=2)
+            type_hash = typestore().hash_rihs01(type_)
         except (TypesysError, KeyError) as error:
             raise BagError(f"expected a message type of ROS 2 Jazzy on {topic} (got {type_!r})") from error
         if type_ not in self._schemas:
@@ -249,7 +250,7 @@ class BagWriter:
             "cdr",
             self._schemas[type_],
             {
-                "offered_qos_profiles": _to_yaml([_QOS]).strip(),
+                "offered_qos_profiles": _to_yaml([_qos(topic)]).strip(),
                 "topic_type_hash": type_hash,
             },
         )
@@ -270,7 +271,7 @@ class BagWriter:
                     "name": name,
                     "type": topic.type,
                     "serialization_format": "cdr",
-                    "offered_qos_profiles": [_QOS],
+                    "offered_qos_profiles": [_qos(name)],
                     "type_description_hash": topic.type_hash,
                 },
                 "message_count": self._counts[name],

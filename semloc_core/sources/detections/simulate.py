@@ -1,0 +1,353 @@
+"""A simulated run of a robot with cameras and a 3D detector: what it detects on its way, and a bag of that."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain, islice
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, Self
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from semloc_core.config import checked
+from semloc_core.graph import Floats, SceneGraph, ball
+from semloc_core.sources.bag import GROUND_TRUTH_TOPIC, BagWriter
+from semloc_core.sources.bag.typed import DETECTIONS, GRID, ODOMETRY, TRANSFORMS, typestore
+from semloc_core.sources.detections.builder import Detection
+from semloc_core.sources.detections.frames import Rigid
+from semloc_core.sources.detections.grid import Grid
+from semloc_core.sources.detections.nav2 import short
+from semloc_core.sources.detections.stream import OPTICAL
+from semloc_core.sources.simulate.drift import Frame
+from semloc_core.sources.simulate.route import WalkPoint, walk_along, walk_to_goals
+from semloc_core.sources.simulate.traversal import RecordedPose
+from semloc_core.text import short_repr
+from semloc_core.wire import Object, Position, quaternion_of
+
+_NS_PER_S = 1_000_000_000
+LATE_NS = 60_000_000
+"""So long a detector takes: its message comes after the odometry of its stamp."""
+DETOUR, DETOUR_M = 1.25, 1.0
+"""Without walls: what is seen is not much farther by the way than straight, so many times and metres more at most."""
+WALLS_EVERY = 50
+"""The grid is sent again after so many frames."""
+
+
+class DetectorConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The robot, its cameras and its detector; make one with `of`, which checks ranges."""
+
+    speed_mps: Annotated[float, Meta(gt=0.0, le=100.0, description="walking speed, m/s")] = 0.5
+    rate_hz: Annotated[float, Meta(gt=0.0, le=1000.0, description="frames of each camera per second")] = 4.0
+    distance_m: Annotated[float, Meta(ge=0.0, le=1e7, description="how far to walk between random goals, m")] = 60.0
+    cameras: Annotated[int, Meta(ge=1, le=16, description="cameras, evenly around, the first ahead")] = 1
+    horizontal_fov_deg: Annotated[float, Meta(gt=0.0, le=360.0, description="of each camera, degrees")] = 90.0
+    vertical_fov_deg: Annotated[float, Meta(gt=0.0, le=180.0, description="of each camera, degrees")] = 60.0
+    range_m: Annotated[float, Meta(gt=0.0, le=1000.0, description="how far the detector sees, m")] = 5.0
+    miss_rate: Annotated[float, Meta(ge=0.0, le=1.0, description="chance, in each frame, that an object is missed")] = (
+        0.2
+    )
+    confusion_rate: Annotated[
+        float, Meta(ge=0.0, le=1.0, description="chance, in each frame, that another class scores best")
+    ] = 0.1
+    false_rate: Annotated[float, Meta(ge=0.0, le=100.0, description="invented detections for each true one")] = 0.02
+    depth_noise: Annotated[
+        float, Meta(ge=0.0, le=10.0, description="standard deviation of depth at 1 m, m; it grows with the square")
+    ] = 0.005
+    drift: Annotated[
+        float, Meta(ge=0.0, le=100.0, description="drift of odometry; 1: 0.5° and 0.03 m per axis, a root metre")
+    ] = 0.0
+    frame_id: Annotated[str, Meta(description="frame of the ground truth, the building's")] = "map"
+    start_stamp_ns: Annotated[int, Meta(ge=0, le=2**61, description="stamp of the first frame, ns")] = (
+        1_700_000_000 * _NS_PER_S
+    )
+
+    @classmethod
+    def of(cls, **values: object) -> Self:
+        """Make a configuration with types and ranges checked.
+
+        Raises:
+            ConfigError: an option is unknown, of another type or out of its range.
+
+        """
+        config: Self = checked(cls, **values)
+        return config
+
+
+@short_repr
+class Glance(NamedTuple):
+    """What all cameras see at once.
+
+    Attributes:
+        stamp_ns: when.
+        position: where the robot truly is, m.
+        heading: its true heading there, rad.
+        odometry: where odometry has it.
+        frames: for each camera its pose on the robot (optical frame), and what is detected, in that frame.
+
+    """
+
+    stamp_ns: int
+    position: Position
+    heading: float
+    odometry: Rigid
+    frames: tuple[tuple[Rigid, tuple[Detection, ...]], ...]
+
+
+def simulate_detections(
+    graph: SceneGraph,
+    config: DetectorConfig,
+    rng: np.random.Generator,
+    *,
+    agents: Sequence[RecordedPose] | None = None,
+    grid: Grid | None = None,
+    start_place: str = "",
+) -> Iterator[Glance]:
+    """Walk through a building and say what cameras detect.
+
+    Way, detector and drift draw from generators of their own: another miss rate does not change the way. Walls hide
+    what is behind them where a grid has them; else what is much farther by the way than straight is hidden.
+
+    Args:
+        graph: the building; its objects without an edge to a place can't be seen.
+        config: options.
+        rng: source of all that is random.
+        agents: poses to follow instead of random goals.
+        grid: walls, in the building's frame.
+        start_place: to walk from; empty: a random one.
+
+    Raises:
+        GraphError: the graph has no places.
+
+    """
+    walk_rng, detector_rng, drift_rng = rng.spawn(3)
+    step_m = config.speed_mps / config.rate_hz
+    if agents:
+        poses = [pose.position for pose in sorted(agents, key=lambda pose: pose.stamp_ns)]
+        points = walk_along(graph, poses, step_m)
+    else:
+        points = walk_to_goals(graph, start_place, step_m, config.distance_m, walk_rng)
+    detector = _Detector(graph, config, detector_rng, grid)
+    mounts = [
+        Rigid.of((0.0, 0.0, 0.0), quaternion_of(2 * math.pi * i / config.cameras)) @ OPTICAL
+        for i in range(config.cameras)
+    ]
+    frame, last = Frame(), 0.0
+    for number, point in enumerate(points):
+        if config.drift:
+            frame = frame.drifted(np.array(point.position), point.travelled - last, drift_rng, config.drift)
+            last = point.travelled
+        body = Rigid.of(point.position, quaternion_of(point.heading))
+        x, y, z = frame.of(np.array(point.position)).tolist()
+        seen = detector.in_sight(point)
+        yield Glance(
+            config.start_stamp_ns + round(number * _NS_PER_S / config.rate_hz),
+            point.position,
+            point.heading,
+            Rigid.of((x, y, z), quaternion_of(point.heading + frame.yaw)),
+            tuple((mount, tuple(detector.detections(body @ mount, seen))) for mount in mounts),
+        )
+
+
+class _Detector:
+    def __init__(self, graph: SceneGraph, config: DetectorConfig, rng: np.random.Generator, grid: Grid | None) -> None:
+        self._graph, self._config, self._rng, self._grid = graph, config, rng, grid
+        self._frequency = Counter(thing.class_ for thing in graph.objects.values())
+
+    def in_sight(self, point: WalkPoint) -> list[Object]:
+        """Objects in range with nothing between, by id."""
+        here, range_m = np.array(point.position), self._config.range_m
+        metres: dict[str, float] = {}
+        for place, first in point.near.items():
+            for other, more in ball(self._graph.neighbours, place, DETOUR * range_m + DETOUR_M).items():
+                metres[other] = min(first + more, metres.get(other, math.inf))
+        found = []
+        for key in sorted({key for place in metres for key in self._graph.children.get(place, ())}):
+            thing = self._graph.objects[key]
+            away = math.dist(thing.position, point.position)
+            if away > range_m:
+                continue
+            if self._grid is not None:
+                ends = np.array([thing.position[:2]])
+                if self._grid.sight(here[None, :2], ends, short(thing.size))[0]:
+                    found.append(thing)
+                continue
+            places = [place for place in self._graph.parents[key] if place in metres]
+            way = min(metres[place] + math.dist(self._graph.places[place], thing.position) for place in places)
+            if way <= DETOUR * away + DETOUR_M:
+                found.append(thing)
+        return found
+
+    def detections(self, sensor: Rigid, seen: Iterable[Object]) -> Iterator[Detection]:
+        """What a camera's detector makes of what is in sight: in the camera's optical frame."""
+        config, rng, back = self._config, self._rng, sensor.inverse
+        wide, high = math.radians(config.horizontal_fov_deg) / 2, math.radians(config.vertical_fov_deg) / 2
+        for thing in seen:
+            where = back.translation + back.rotation @ np.array(thing.position)
+            right, down, ahead = where.tolist()
+            chances, noise = rng.random(4), rng.normal(0.0, 1.0, 7)
+            if abs(math.atan2(right, ahead)) > wide or abs(math.atan2(down, math.hypot(ahead, right))) > high:
+                continue
+            if chances[0] < config.miss_rate:
+                continue
+            yield self._detection(back, where, thing.class_, thing.size, chances, noise)
+            if rng.random() < config.false_rate:
+                angle = rng.uniform(-wide, wide)
+                away = rng.uniform(0.5, config.range_m)
+                invented = np.array([away * math.sin(angle), rng.uniform(-0.3, 0.5), away * math.cos(angle)])
+                class_ = self._draw(thing.class_)
+                yield self._detection(back, invented, class_, (0.4, 0.4, 0.4), rng.random(4), rng.normal(size=7))
+
+    def _detection(
+        self, back: Rigid, where: Floats, class_: str, size: Position | None, chances: Floats, noise: Floats
+    ) -> Detection:
+        away = float(np.linalg.norm(where))
+        spread = self._config.depth_noise * away**2
+        where = where + where / max(away, 1e-9) * spread * noise[0] + 0.2 * spread * noise[1:4]
+        other = self._draw(class_)
+        best, second = (other, class_) if chances[1] < self._config.confusion_rate else (class_, other)
+        score = 0.55 + 0.4 * float(chances[2])
+        scores = {best: round(score, 4), second: round((1 - score) * float(chances[3]), 4)}
+        box = None
+        if size is not None:
+            a, b, c = (max(0.01, edge * (1 + 0.1 * n)) for edge, n in zip(size, noise[4:].tolist(), strict=True))
+            box = (a, b, c)
+        # The box stands upright in the building, as a detector that knows gravity gives it.
+        return Detection(scores if best != second else {best: scores[second]}, Rigid(where, back.quaternion), box)
+
+    def _draw(self, but: str) -> str:
+        """Another class, by how frequent it is."""
+        names = sorted(name for name in self._frequency if name != but) or [but]
+        weights = np.array([self._frequency[name] for name in names], dtype=np.float64)
+        return names[int(self._rng.choice(len(names), p=weights / weights.sum()))]
+
+
+def write_detections(
+    path: str | Path, glances: Iterable[Glance], *, truth_frame: str = "map", grid: Grid | None = None
+) -> int:
+    """Record a run: detections, odometry and transforms, the grid where there is one, and the true poses.
+
+    Args:
+        path: a ``.mcap`` file, or a rosbag2 folder.
+        glances: in order; consumed as they come.
+        truth_frame: frame of the true poses, and of the grid.
+        grid: walls.
+
+    Returns:
+        How many frames were written.
+
+    Raises:
+        BagError: the bag can't be written.
+
+    """
+    count, glances = 0, iter(glances)
+    first = list(islice(glances, 1))  # what can't begin leaves no bag behind
+    with BagWriter(path) as bag:
+        for glance in chain(first, glances):
+            stamp_ns = glance.stamp_ns
+            mounted = [(f"camera_{i}_optical_frame", mount) for i, (mount, _) in enumerate(glance.frames)]
+            if count == 0:
+                moved = [("base_link", frame, mount) for frame, mount in mounted]
+                _write(bag, "/tf_static", TRANSFORMS, stamp_ns, _transforms(stamp_ns, moved))
+            if grid is not None and count % WALLS_EVERY == 0:
+                _write(bag, "/grid", GRID, stamp_ns, _grid(stamp_ns, "odom", grid))
+            bag.write_pose(GROUND_TRUTH_TOPIC, stamp_ns, truth_frame, glance.position, quaternion_of(glance.heading))
+            _write(bag, "/odometry", ODOMETRY, stamp_ns, _odometry(stamp_ns, glance.odometry))
+            moved = [("odom", "base_link", glance.odometry)]
+            _write(bag, "/tf", TRANSFORMS, stamp_ns, _transforms(stamp_ns, moved))
+            for (frame, _), (_, detections) in zip(mounted, glance.frames, strict=True):
+                late = stamp_ns + LATE_NS
+                _write(bag, "/detections", DETECTIONS, late, detection_array(stamp_ns, frame, detections))
+            count += 1
+    return count
+
+
+def _write(bag: BagWriter, topic: str, type_: str, stamp_ns: int, message: Any) -> None:
+    bag.write(topic, type_, stamp_ns, bytes(typestore().serialize_cdr(message, type_)))
+
+
+def _make(type_: str, **fields: Any) -> Any:
+    return typestore().types[type_](**fields)
+
+
+def _header(stamp_ns: int, frame_id: str) -> Any:
+    time = _make("builtin_interfaces/msg/Time", sec=stamp_ns // _NS_PER_S, nanosec=stamp_ns % _NS_PER_S)
+    return _make("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
+
+
+def _vector(values: Iterable[float], type_: str = "Vector3") -> Any:
+    x, y, z = (float(value) for value in values)
+    return _make(f"geometry_msgs/msg/{type_}", x=x, y=y, z=z)
+
+
+def _turn(pose: Rigid) -> Any:
+    x, y, z, w = pose.quaternion.tolist()
+    return _make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+
+
+def _pose(pose: Rigid) -> Any:
+    return _make("geometry_msgs/msg/Pose", position=_vector(pose.translation, "Point"), orientation=_turn(pose))
+
+
+def _with_covariance(pose: Rigid) -> Any:
+    return _make("geometry_msgs/msg/PoseWithCovariance", pose=_pose(pose), covariance=np.zeros(36))
+
+
+def detection_array(stamp_ns: int, frame: str, detections: Iterable[Detection]) -> Any:
+    """Detections as a vision_msgs/Detection3DArray."""
+    header = _header(stamp_ns, frame)
+    found = []
+    for one in detections:
+        results = [
+            _make(
+                "vision_msgs/msg/ObjectHypothesisWithPose",
+                hypothesis=_make("vision_msgs/msg/ObjectHypothesis", class_id=name, score=score),
+                pose=_with_covariance(one.pose),
+            )
+            for name, score in one.scores.items()
+        ]
+        box = _make("vision_msgs/msg/BoundingBox3D", center=_pose(one.pose), size=_vector(one.size or (0.0, 0.0, 0.0)))
+        found.append(_make("vision_msgs/msg/Detection3D", header=header, results=results, bbox=box, id=one.track))
+    return _make(DETECTIONS, header=header, detections=found)
+
+
+def _odometry(stamp_ns: int, pose: Rigid) -> Any:
+    twist = _make("geometry_msgs/msg/Twist", linear=_vector((0, 0, 0)), angular=_vector((0, 0, 0)))
+    still = _make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36))
+    return _make(
+        ODOMETRY,
+        header=_header(stamp_ns, "odom"),
+        child_frame_id="base_link",
+        pose=_with_covariance(pose),
+        twist=still,
+    )
+
+
+def _transforms(stamp_ns: int, moved: Iterable[tuple[str, str, Rigid]]) -> Any:
+    found = [
+        _make(
+            "geometry_msgs/msg/TransformStamped",
+            header=_header(stamp_ns, parent),
+            child_frame_id=child,
+            transform=_make("geometry_msgs/msg/Transform", translation=_vector(pose.translation), rotation=_turn(pose)),
+        )
+        for parent, child, pose in moved
+    ]
+    return _make(TRANSFORMS, transforms=found)
+
+
+def _grid(stamp_ns: int, frame: str, grid: Grid) -> Any:
+    height, width = grid.cells.shape
+    x, y, yaw = grid.origin
+    info = _make(
+        "nav_msgs/msg/MapMetaData",
+        map_load_time=_header(stamp_ns, frame).stamp,
+        resolution=grid.resolution,
+        width=width,
+        height=height,
+        origin=_pose(Rigid.of((x, y, 0.0), quaternion_of(yaw))),
+    )
+    return _make(GRID, header=_header(stamp_ns, frame), info=info, data=grid.cells.ravel())
