@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from semloc_core import __version__
-from semloc_core.cli import bags, bench, explain, graph, introspect, replay, report, train, world
+from semloc_core.cli import bags, bench, explain, graph, introspect, replay, report, train, view, world
 from semloc_core.cli.evaluate import commands as evaluate
 from semloc_core.cli.maps import commands as maps
 from semloc_core.cli.shared.ending import unread
@@ -84,6 +84,7 @@ app.add_typer(world.app, name="world")
 app.add_typer(bags.app, name="bag")
 app.add_typer(graph.app, name="graph")
 app.command("replay")(replay.replay)
+app.command("view")(view.view)
 app.command("explain")(explain.explain)
 app.command("introspect")(introspect.introspect)
 app.add_typer(evaluate.app, name="evaluate")

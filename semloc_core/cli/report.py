@@ -7,7 +7,15 @@ from typing import Annotated
 
 import typer
 
-from semloc_core.cli.shared.common import RobotOption, ToleranceOption, TopicOption, console
+from semloc_core.cli.shared.common import (
+    LabelspaceOption,
+    RobotOption,
+    SynonymsOption,
+    ToleranceOption,
+    TopicOption,
+    console,
+    progress,
+)
 from semloc_core.cli.shared.map_places import only_a_file
 from semloc_core.cli.shared.outputs import App, Writes
 from semloc_core.files import PAGE, PICTURE, write_whole
@@ -21,7 +29,12 @@ MapOption = Annotated[
     Path, typer.Option("--map", metavar="MAP", parser=only_a_file, help="The map file that answered.")
 ]
 RunOption = Annotated[
-    Path | None, typer.Option("--run", metavar="RUN", help="Take the ground truth from this bag, not from RESULTS.")
+    Path | None,
+    typer.Option(
+        "--run",
+        metavar="RUN",
+        help="The run that was answered: its ground truth, what was seen, and why not elsewhere.",
+    ),
 ]
 NodeOption = Annotated[
     str, typer.Option("--node", metavar="NAME", help="Name of the node; its answers are on NAME/matches.")
@@ -48,18 +61,34 @@ def replay(
     topic: TopicOption = None,
     robot: RobotOption = None,
     truth_tolerance: ToleranceOption = 0.05,
+    labelspace: LabelspaceOption = None,
+    synonyms: SynonymsOption = None,
 ) -> None:
-    """One HTML page of a replay: floor plan with path and matches, statuses, confidence, class shares, confusions."""
+    """One HTML page that plays a replay: time line, plan, what was seen and what explains it, why not elsewhere.
+
+    It opens without a network. What speaks for the rivals is computed now, from the run: without --run (and unless the
+    updates were recorded beside the answers) the page says what it lacks.
+    """
+    from semloc_core.graph import Reading
     from semloc_core.map_database import load
-    from semloc_core.report import joined, kept, read_results, replay_page
+    from semloc_core.report import kept, read_results, replay_page
 
     beside = kept(study) if study is not None else None
     loaded = load(map_file)
-    data = read_results(
-        results, loaded, run=run, node=node, topic=topic, robot=robot, truth_tolerance_s=truth_tolerance
-    )
-    page = replay_page(data, loaded, results.name)
-    text = (joined(page, beside) if beside is not None else page).html()
+    reading = Reading.of(labelspace, synonyms, loaded.model.labelspace)
+    with progress("what speaks for the rivals") as step:
+        data = read_results(
+            results,
+            loaded,
+            run=run,
+            node=node,
+            topic=topic,
+            robot=robot,
+            truth_tolerance_s=truth_tolerance,
+            reading=reading,
+            progress=step,
+        )
+    text = replay_page(data, loaded, results.name, beside)
     write_whole(output, text.encode())
     console.print(f"{output}: {data.answers} answers, {len(text.encode()) / 1e3:.0f} kB")
 

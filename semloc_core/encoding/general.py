@@ -69,8 +69,9 @@ def pick_general(
         space = model.labelspace = replace(model.labelspace, ids={})
         known = [sum(n for class_, n in one.items() if space.index(class_) >= 0) for one in buildings]
         enough = all(k >= least_known * sum(one.values()) for k, one in zip(known, buildings, strict=True))
-        if enough and sum(known) and (best is None or (sum(known), -len(space)) > (best[2], -len(best[1].labelspace))):
-            best = name, model, sum(known)
+        total = sum(known)
+        if enough and total and (best is None or (total, -len(space)) > (best[2], -len(best[1].labelspace))):
+            best = name, model, total
     return best
 
 

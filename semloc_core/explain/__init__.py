@@ -16,7 +16,15 @@ if TYPE_CHECKING:
     from semloc_core.explain.explainers.shapley import class_shapley
     from semloc_core.explain.fidelity import BUDGET, BUDGETS, FidelityCurve, fidelity_curves
     from semloc_core.explain.layout_scores import LAYOUT
-    from semloc_core.explain.pair import answer_query, asked_methods, check_asked, explain_pair, find_row
+    from semloc_core.explain.pair import (
+        answer_query,
+        asked_methods,
+        check_asked,
+        evidence_of,
+        explain_pair,
+        find_row,
+        place_evidence,
+    )
     from semloc_core.explain.scores import ObjectScores, class_scores, object_scores
     from semloc_core.explain.similarity import SimilarityQuery
 else:
@@ -25,6 +33,7 @@ else:
 __all__ = [
     "BASELINES", "BUDGET", "BUDGETS", "CONTROLS", "ClassShift", "EXPLAINERS", "EXPLAINER_SEED", "FidelityCurve",
     "LAYOUT", "ObjectScores", "Shift", "SimilarityQuery", "answer_evidence", "answer_query", "asked_methods",
-    "check_asked", "check_methods", "class_scores", "class_shapley", "due", "explain", "explain_answer",
-    "explain_pair", "fidelity_curves", "find_row", "integrated_gradients", "inverted", "object_scores",
+    "check_asked", "check_methods", "class_scores", "class_shapley", "due", "evidence_of", "explain",
+    "explain_answer", "explain_pair", "fidelity_curves", "find_row", "integrated_gradients", "inverted",
+    "object_scores", "place_evidence",
 ]  # fmt: skip

@@ -118,7 +118,7 @@ def asked_methods(located: Located, methods: Sequence[str] | None) -> list[str]:
     return methods
 
 
-def _evidence(located: Located, row: int) -> Evidence | None:
+def evidence_of(located: Located, row: int) -> Evidence | None:
     """The test taken apart at any place of the map; None for an answer that was not put to it."""
     verifier = verifier_of(located.map)
     if located.evidence is None or verifier is None or row == located.evidence.row:
@@ -126,7 +126,8 @@ def _evidence(located: Located, row: int) -> Evidence | None:
     return evidence_at(verifier, located.evidence.fragment, row)
 
 
-def _place_evidence(loaded: LoadedMap, evidence: Evidence) -> PlaceEvidence:
+def place_evidence(loaded: LoadedMap, evidence: Evidence) -> PlaceEvidence:
+    """The same as messages have it."""
     said = layout_attributions(evidence, loaded.model.labelspace.classes)
     return PlaceEvidence(
         map=loaded.buildings[int(loaded.building_index[evidence.row])],
@@ -174,7 +175,7 @@ def explain_pair(
     encoder, names = loaded.model.encoder, query.class_names
     target = torch.from_numpy(loaded.embeddings[row])
     question = SimilarityQuery.from_encoder(encoder, query.batch, target, names, query.encoded)
-    evidence = _evidence(located, row)
+    evidence = evidence_of(located, row)
     said = []
     for method in methods:
         if method == LAYOUT and evidence is not None:
@@ -194,7 +195,7 @@ def explain_pair(
     perturbed = PerturbedEncoder(encoder, query.batch)
     contrast = why_not(loaded, perturbed, names, z, row, _listed(located), np.random.default_rng(seed))
     if contrast is not None and evidence is not None and located.evidence is not None:
-        both = [_place_evidence(loaded, of) for of in (evidence, located.evidence)]
+        both = [place_evidence(loaded, of) for of in (evidence, located.evidence)]
         contrast = msgspec.structs.replace(contrast, evidence=both)
     return Explanation(
         schema="semloc/explanation/1",

@@ -20,6 +20,7 @@ from semloc_core.errors import BagError, GraphError, MessageError
 from semloc_core.graph import Reading, all_unknown
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
+from semloc_core.matching import Located
 from semloc_core.replay.traversal_score import Chance, LatencyHistogram, SameStorey, TraversalScore
 from semloc_core.sources import (
     GROUND_TRUTH_TOPIC,
@@ -56,6 +57,7 @@ class Answer:
     matches: wire.PlaceMatches
     attributions: wire.ClassAttributions | None
     evidence: wire.ClassAttributions | None
+    located: Located | None = None
 
 
 @short_repr
@@ -107,6 +109,7 @@ def replay(
     results: Path | None = None,
     tum: TumWriter | None = None,
     on_answer: Callable[[Answer], None] | None = None,
+    on_truth: Callable[[Truth], None] | None = None,
 ) -> ReplaySummary:
     """Localise along a recorded run.
 
@@ -119,6 +122,7 @@ def replay(
         results: a bag to write matches, attributions, evidence, poses and the ground truth to.
         tum: takes poses and the ground truth too.
         on_answer: called with each answer.
+        on_truth: called with each true pose.
 
     Raises:
         BagError: the run can't be read, or has no updates.
@@ -139,6 +143,8 @@ def replay(
             if message.text is None:
                 assert message.truth is not None
                 _score(score, matcher.truth(message.truth))
+                if on_truth is not None:
+                    on_truth(message.truth)
                 summary.truth_frames.add(message.truth.frame_id)
                 building = score.building_of(message.truth.frame_id)
                 if tum is not None and building is not None:
@@ -217,7 +223,7 @@ def _localise(localiser: Localiser, text: str, received_ns: int, counts: Counter
         return None
     if result.matches is None:
         return None
-    return Answer(result.matches, result.attributions, result.evidence)
+    return Answer(result.matches, result.attributions, result.evidence, result.located)
 
 
 def score_results(

@@ -10,15 +10,15 @@ if TYPE_CHECKING:
     from semloc_core.report.growth_figure import growth_picture
     from semloc_core.report.introspection.page import introspection_page
     from semloc_core.report.kept_page import keep, kept
-    from semloc_core.report.page import joined
-    from semloc_core.report.replay.data import read_results
-    from semloc_core.report.replay.page import replay_page
+    from semloc_core.report.replay.data import has_answers, read_results
+    from semloc_core.report.replay.live import Feed, served
+    from semloc_core.report.replay.page import live_page, replay_page
     from semloc_core.report.replay.picture import answer_picture
     from semloc_core.report.trust_figures import failure_figure, reliability_figure, success_figure
 else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "Plan", "answer_picture", "failure_figure", "growth_picture", "introspection_page", "joined", "keep", "kept",
-    "read_results", "reliability_figure", "replay_page", "success_figure", "to_png",
+    "Feed", "Plan", "answer_picture", "failure_figure", "growth_picture", "has_answers", "introspection_page", "keep",
+    "kept", "live_page", "read_results", "reliability_figure", "replay_page", "served", "success_figure", "to_png",
 ]  # fmt: skip

@@ -105,7 +105,7 @@ class Page:
                 f'<nav aria-label="Figures"><ul>{contents}</ul></nav>',
                 "</header>",
                 "<main>",
-                *(_section(section) for section in self.sections),
+                self.body(),
                 "</main>",
                 "<footer>",
                 _definitions("Words used here", self.terms),
@@ -117,19 +117,9 @@ class Page:
             ]
         )
 
-
-def joined(first: Page, second: Page) -> Page:
-    """Two pages as one: all of the first, then the second under a heading of its own; each word explained once."""
-    words = dict(second.terms) | dict(first.terms)
-    between = Section("second", second.title, " ".join(second.introduction), wide=True)
-    return Page(
-        title=first.title,
-        introduction=first.introduction,
-        facts=first.facts,
-        sections=(*first.sections, between, *second.sections),
-        terms=tuple((word, words[word]) for word in dict.fromkeys(w for w, _ in (*first.terms, *second.terms))),
-        provenance=(*first.provenance, *((f"{second.title}: {what}", of) for what, of in second.provenance)),
-    )
+    def body(self) -> str:
+        """The figures alone, to stand in another page."""
+        return "\n".join(_section(section) for section in self.sections)
 
 
 def _fact(fact: Fact) -> str:

@@ -49,6 +49,8 @@ class Evidence:
         mapped: for each the id of the mapped object that explains it best; None where it is likelier invented.
         missed: objects that should have been seen and explain nothing that was, the dearest first.
         walls: what known places take away where the map has no room, ≥ 0.
+        heading: how the robot's frame is turned into the building's, were it there, radians.
+        shift: (2,) metres from the map's place to where the robot's place is then.
 
     """
 
@@ -59,6 +61,8 @@ class Evidence:
     mapped: tuple[str | None, ...]
     missed: tuple[Missed, ...]
     walls: float
+    heading: float
+    shift: Floats
 
 
 def evidence(mapped: MappedLayout, fragment: Fragment, verified: Verified, row: int) -> Evidence | None:
@@ -100,6 +104,8 @@ def evidence(mapped: MappedLayout, fragment: Fragment, verified: Verified, row: 
         mapped=tuple(mapped.object_ids[number] if number >= 0 else None for number in partner.tolist()),
         missed=tuple(sorted(missed, key=lambda of: (-of.lost, of.id))),
         walls=float(verified.walls[i]),
+        heading=float(verified.heading[i]),
+        shift=verified.shift[i],
     )
 
 

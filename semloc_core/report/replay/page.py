@@ -1,125 +1,191 @@
-"""The page on one replay: where the robot was, where the answers put it, how sure they were and what carried them."""
+"""The page that plays a replay: one file with its data packed inside, or the same page that a server keeps feeding."""
 
 from __future__ import annotations
 
-from collections import Counter
+import base64
+import gzip
 from collections.abc import Sequence
+from html import escape
+from importlib.resources import files
 
-import numpy as np
+import msgspec
 
 from semloc_core import __version__
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.map_database import LoadedMap
-from semloc_core.report.colours import ClassLooks
-from semloc_core.report.floor_plan import Plan
-from semloc_core.report.page import Fact, Page, Section
-from semloc_core.report.replay import sections
+from semloc_core.metrics import Row
+from semloc_core.report.page import Page
 from semloc_core.report.replay.data import ReplayData
+from semloc_core.report.replay.frames import Building, Frame
 from semloc_core.text import percent
 
-BUILDINGS = 6
-"""Buildings drawn at most."""
-INTRODUCTION = (
-    "A robot walks through a building and keeps a scene graph: a list of the objects it has recognised (a couch, a "
-    "plant, …) and of the places, patches of free floor, from which they can be seen. At every update the localiser "
-    "compares the objects around the robot with those around every place of a map made before, and answers with the "
-    "places that are most alike. It uses what things are and how they are connected, no camera pictures.",
-    "This page shows how one such walk went. Each figure has a sentence on what to see in it, and its figures below.",
-)
+MOST_BYTES = 5_000_000
+"""Of a page; a replay that takes more is thinned."""
 TERMS = (
     ("Place", "A patch of free floor: a node of the scene graph. Neighbouring places are joined where one can walk."),
-    ("Answer", "What the localiser said to one update: the places of the map most like the robot's, best first."),
-    ("Top match", "The first place of an answer."),
     (
         "Right",
         f"Within {MATCH_RADIUS_M:g} m of where the robot truly was, in the same building and on the same storey.",
     ),
-    ("success@N", "Share of all answers with a right place among their first N. No answer counts as a wrong one."),
-    ("Cosine similarity", "How alike two places are to the encoder: 1 is the same, 0 has nothing in common."),
-    ("Probability", "The localiser's own estimate that the top match is right."),
+    ("Wrong", "Any other answer that names a place; one without a place is no answer."),
+    ("Probability", "The localiser's own estimate that its best match is right."),
+    (
+        "Evidence",
+        "What the decision rests on, in nats: how much likelier the place makes what the robot sees, object by object. "
+        "An object that should be seen there and is not counts against it. It is a sum.",
+    ),
+    ("Attention", "What the encoder looked at when it proposed places. It only proposes; the evidence decides."),
+    ("Stranger", "An object that the robot sees and nothing mapped explains."),
+    ("Elsewhere", "Other places that the answer names, far enough off to be another answer."),
     (
         "Status",
-        "match: the answer is accepted; ambiguous: it is not, places far apart are about as likely; unknown: there "
-        "was nothing to compare; no_graph: updates were missing.",
+        "match: the answer is accepted; ambiguous: it is not, other places could be it; unknown: nothing to go by, or "
+        "probably not in this map; no_graph: updates were missing.",
     ),
-    ("Class share", "How much of the comparison one class of objects carried. An answer's shares sum to 1."),
 )
 
 
-def class_order(data: ReplayData, plans: Sequence[Plan]) -> list[str]:
-    """Classes by what they carried in the replay, then by how many the map has."""
-    carried: Counter[str] = Counter()
-    for attributed in data.shares:
-        carried.update(attributed.classes)
-    present: Counter[str] = Counter()
-    for plan in plans:
-        present.update({name: len(points) for name, points in plan.objects.items()})
-    names = set(carried) | set(present)
-    return sorted(names, key=lambda name: (-carried[name], -present[name], name))
+class Content(msgspec.Struct):
+    """What the page's script reads.
+
+    Attributes:
+        title: of the page.
+        frames: the answers; of a live page, none at first.
+        buildings: by name; of a live page, none: it asks for them.
+        classes: all of the labelspace; their order gives their looks.
+        rows: success by distance travelled.
+        statuses: of all answers, also those thinned out.
+        radius: within which an answer is right, metres.
+        facts: lines on the replay; ``lacks``: what the page can't show, and why.
+        live: whether more frames come.
+
+    """
+
+    title: str
+    frames: list[Frame]
+    buildings: dict[str, Building]
+    classes: tuple[str, ...]
+    rows: Sequence[Row]
+    statuses: dict[str, int]
+    radius: float
+    facts: list[str]
+    lacks: list[str]
+    live: bool = False
 
 
-def shown_plans(data: ReplayData, loaded: LoadedMap) -> list[Plan]:
-    """The buildings that the robot was in, then those that answers named most; the map's first if there are none."""
-    visits: Counter[str] = Counter(p.truth[0] for p in data.points if p.truth is not None)
-    named: Counter[str] = Counter(p.match.map for p in data.points if p.match is not None)
-    touched = sorted(set(visits) | set(named), key=lambda name: (-visits[name], -named[name], name))
-    return [Plan.of(loaded.graph(name), name) for name in (touched or loaded.buildings)[:BUILDINGS]]
-
-
-def replay_page(data: ReplayData, loaded: LoadedMap, results_name: str) -> Page:
-    """The page: the same bytes for the same results and map.
+def replay_page(data: ReplayData, loaded: LoadedMap, results_name: str, study: Page | None = None) -> str:
+    """The page as HTML: the same for the same results and map.
 
     Args:
         data: of the replay, see `semloc_core.report.replay.data.read_results`.
         loaded: the map that answered, with its scene graphs.
         results_name: what to call the results.
+        study: put under it.
 
     """
-    plans = shown_plans(data, loaded)
-    classes = ClassLooks(loaded.model.labelspace.classes, class_order(data, plans))
-    found: list[Section | None] = [
-        sections.buildings(plans, classes, len(loaded.buildings)),
-        sections.where(data, plans),
-        sections.success(data),
-        sections.confidence(data),
-        sections.statuses(data),
-        sections.shares(data, classes),
-        sections.confusions(data, plans),
-        sections.latency(data),
-    ]
-    model = loaded.model
-    return Page(
-        title=f"Replay of {results_name} against the map {loaded.name}",
-        introduction=INTRODUCTION,
-        facts=_facts(data),
-        sections=[section for section in found if section is not None],
-        terms=TERMS,
-        provenance=(
-            ("Results", f"{results_name}: {data.answers} answers{_thinned(data)}"),
-            ("Map", f"{loaded.name}: {loaded.n_places} places in {len(loaded.buildings)} building(s), {loaded.hash}"),
-            ("Model", f"encoder {model.encoder.name}, {model.hash}"),
-            ("Labelspace", f"{model.labelspace.name}: {len(model.labelspace)} classes, {model.labelspace.hash}"),
-            ("Software", f"semloc {__version__}"),
-        ),
+    frames, stride = list(data.frames), data.frames.stride
+    while True:
+        content = _content(data, loaded, results_name, frames, stride)
+        text = _html(content, loaded, study)
+        if len(text.encode()) <= MOST_BYTES or len(frames) <= 1:
+            return text
+        frames, stride = frames[::2], stride * 2
+
+
+def live_page(loaded: LoadedMap, run_name: str) -> str:
+    """The page that asks its server for frames and buildings, see `semloc_core.report.replay.live`."""
+    content = Content(
+        title=f"{run_name}, live",
+        frames=[],
+        buildings={},
+        classes=loaded.model.labelspace.classes,
+        rows=[],
+        statuses={},
+        radius=MATCH_RADIUS_M,
+        facts=_facts(loaded),
+        lacks=[],
+        live=True,
+    )
+    return _html(content, loaded, None)
+
+
+def _content(data: ReplayData, loaded: LoadedMap, name: str, frames: list[Frame], stride: int) -> Content:
+    named = {of.map for frame in frames for of in frame.candidates} | {of.truth.map for of in frames if of.truth}
+    facts = [f"{data.answers:,} answers"]
+    if data.rows:
+        right, chance = (percent(_figure(data.rows[-1], name)) for name in ("success@1", "chance"))
+        facts.append(f"{right} right, {chance} by chance")
+    if data.p50_ms is not None:
+        facts.append(f"{data.p50_ms:.1f} ms an answer, median")
+    lacks = []
+    if stride > 1:
+        lacks.append(f"Thinned: one answer in {stride} is shown; figures are of all {data.answers:,}.")
+    if not data.run:
+        lacks.append(
+            "Made without the run: where the seen objects lie, and why not elsewhere, is not known "
+            "(semloc report replay --run RUN)."
+        )
+    if not any(frame.truth for frame in frames):
+        lacks.append("The truth is not known: nothing is called right or wrong.")
+    elif data.unscored:
+        lacks.append(f"Of {data.unscored:,} answers the truth is in no building of this map.")
+    if not data.calibrated:
+        lacks.append("The probabilities are not calibrated.")
+    return Content(
+        title=f"Replay of {name}",
+        frames=frames,
+        buildings={of: data.buildings.get(of) for of in sorted(named or loaded.buildings[:1])},
+        classes=loaded.model.labelspace.classes,
+        rows=data.rows,
+        statuses=dict(sorted(data.statuses.items())),
+        radius=MATCH_RADIUS_M,
+        facts=[*facts, *_facts(loaded)],
+        lacks=lacks,
     )
 
 
-def _facts(data: ReplayData) -> list[Fact]:
-    facts = [Fact(f"{data.answers:,}", "answers")]
-    if data.rows:
-        total = data.rows[-1]
-        facts.append(Fact(sections.share_of(total, "success@1"), f"of top matches within {MATCH_RADIUS_M:g} m"))
-        facts.append(Fact(sections.share_of(total, "success@5"), "with a right place among the first 5"))
-    facts.append(Fact(percent(data.statuses["match"] / data.answers), "accepted (status match)"))
-    if data.rows and data.rows[-1]["precision"] is not None:
-        facts.append(Fact(sections.share_of(data.rows[-1], "precision"), "of the accepted ones right"))
-    known = [p.match.similarity for p in data.points if p.match is not None]
-    if known:
-        facts.append(Fact(f"{np.median(known):.2f}", "similarity of the top match, median"))
-    if data.p50_ms is not None:
-        facts.append(Fact(f"{data.p50_ms:.1f} ms", "latency, median"))
-    return facts
+def _facts(loaded: LoadedMap) -> list[str]:
+    buildings = f"{len(loaded.buildings)} building{'s' if len(loaded.buildings) != 1 else ''}"
+    return [f"map {loaded.name}: {loaded.n_places:,} places in {buildings}"]
 
 
-def _thinned(data: ReplayData) -> str:
-    return f", every {data.points.stride}th drawn" if data.points.stride > 1 else ""
+def _figure(row: Row, name: str) -> float:
+    value = row[name]
+    return float(value) if isinstance(value, int | float) else float("nan")
+
+
+def _html(content: Content, loaded: LoadedMap, study: Page | None) -> str:
+    folder = files("semloc_core.report")
+    packed = base64.b64encode(gzip.compress(msgspec.json.encode(content), 9, mtime=0)).decode()
+    model = loaded.model
+    made_from = (
+        ("Map", f"{loaded.name}, {loaded.hash}"),
+        ("Model", f"encoder {model.encoder.name}, {model.hash}"),
+        ("Labelspace", f"{model.labelspace.name}: {len(model.labelspace)} classes"),
+        ("Software", f"semloc {__version__}"),
+    )
+    parts = {
+        "title": escape(content.title),
+        "connect": "'self'" if content.live else "'none'",
+        "facts": escape(" · ".join(content.facts)),
+        "lacks": "".join(f"<p>{escape(line)}</p>" for line in content.lacks),
+        "terms": _defined(TERMS),
+        "made": _defined(made_from),
+        "study": "" if study is None else _study(study),
+        "style": (folder / "page.css").read_text("utf-8") + (folder / "replay/player.css").read_text("utf-8"),
+        "script": (folder / "replay/player.js").read_text("utf-8"),
+        "data": packed,
+    }
+    template = (folder / "replay/player.html").read_text("utf-8").split("%%")
+    return "".join(parts[piece] if i % 2 else piece for i, piece in enumerate(template))
+
+
+def _study(study: Page) -> str:
+    words = "".join(f"<p>{escape(paragraph)}</p>" for paragraph in study.introduction)
+    return (
+        f'<section id="study"><h1>{escape(study.title)}</h1>{words}<div class="figures">{study.body()}</div></section>'
+    )
+
+
+def _defined(pairs: Sequence[tuple[str, str]]) -> str:
+    return "".join(f"<dt>{escape(term)}</dt><dd>{escape(meaning)}</dd>" for term, meaning in pairs)

@@ -39,5 +39,9 @@ class Thinned(Generic[T]):
     def __iter__(self) -> Iterator[T]:
         return iter(self._items)
 
+    def since(self, first: int) -> list[T]:
+        """Those kept from a number on."""
+        return self._items[first:]
+
     def __len__(self) -> int:
         return len(self._items)

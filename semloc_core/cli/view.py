@@ -1,0 +1,78 @@
+"""``semloc view``."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from semloc_core.cli.shared.common import (
+    LabelspaceOption,
+    RobotOption,
+    SynonymsOption,
+    ToleranceOption,
+    TopicOption,
+    console,
+    progress,
+)
+from semloc_core.cli.shared.map_places import only_a_file
+
+
+def view(
+    run: Annotated[
+        Path, typer.Argument(metavar="RUN", help="A run, localised while you watch; or a bag of recorded answers.")
+    ],
+    map_file: Annotated[Path, typer.Option("--map", metavar="MAP", parser=only_a_file, help="The map file.")],
+    updates: Annotated[
+        Path | None, typer.Option("--run", metavar="RUN", help="Of recorded answers, the run that was answered.")
+    ] = None,
+    node: Annotated[
+        str, typer.Option("--node", metavar="NAME", help="Name of the node; its answers are on NAME/matches.")
+    ] = "/localiser",
+    host: Annotated[
+        str, typer.Option("--host", metavar="ADDRESS", help="Where to listen; by default only this machine can look.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port to listen on; 0: a free one.")] = 0,
+    topic: TopicOption = None,
+    robot: RobotOption = None,
+    truth_tolerance: ToleranceOption = 0.05,
+    labelspace: LabelspaceOption = None,
+    synonyms: SynonymsOption = None,
+) -> None:
+    """Watch it think: the page of `semloc report replay` in a browser, live while a run is localised.
+
+    Prints the page's address and serves it until Ctrl-C.
+    """
+    import torch
+
+    from semloc_core.graph import Reading
+    from semloc_core.map_database import load
+    from semloc_core.report import Feed, has_answers, live_page, read_results, replay_page, served
+
+    torch.set_num_threads(1)
+    loaded = load(map_file)
+    reading = Reading.of(labelspace, synonyms, loaded.model.labelspace)
+    if has_answers(run, node):
+        with progress("what speaks for the rivals") as step:
+            data = read_results(
+                run,
+                loaded,
+                run=updates,
+                node=node,
+                topic=topic,
+                robot=robot,
+                truth_tolerance_s=truth_tolerance,
+                reading=reading,
+                progress=step,
+            )
+        with served(replay_page(data, loaded, run.name), None, host, port) as address:
+            console.print(f"{address}  (Ctrl-C ends it)")
+            threading.Event().wait()
+    feed = Feed(loaded, truth_tolerance)
+    with served(live_page(loaded, run.name), feed, host, port) as address:
+        console.print(f"{address}  (Ctrl-C ends it)")
+        feed.run(run, reading, topic=topic, robot=robot)
+        console.print("the run is over; the page stays")
+        threading.Event().wait()
