@@ -185,18 +185,13 @@ def embed_graph(model: Model, arrays: GraphArrays, weights: Mapping[str, float] 
     weights = weights if model.encoder.counts_objects else None
     if arrays.n_places == 0:
         return np.zeros((0, model.encoder.dimension), dtype=np.float32)
-    if extraction.kind == "ego":
-        return embed_batch(model, weighted(place_graph.extract_all(arrays, n_classes, extraction), weights))
-    parts = [
-        embed_batch(
-            model,
-            weighted(
-                place_graph.reach_all_batch(arrays, n_classes, extraction.radius_m, roots, extraction.bands), weights
-            ),
-        )
-        for roots in np.split(np.arange(arrays.n_places), range(ROOTS_AT_ONCE, arrays.n_places, ROOTS_AT_ONCE))
-    ]
-    return np.concatenate(parts)
+    every = np.arange(arrays.n_places)
+    at_once = len(every) if extraction.kind == "ego" else ROOTS_AT_ONCE
+    batches = (
+        place_graph.extract_all(arrays, n_classes, extraction, roots)
+        for roots in np.split(every, range(at_once, len(every), at_once))
+    )
+    return np.concatenate([embed_batch(model, weighted(batch, weights)) for batch in batches])
 
 
 def weighted(batch: Batch, weights: Mapping[str, float] | None) -> Batch:
@@ -212,9 +207,7 @@ def embed_places(model: Model, arrays: GraphArrays, roots: NDArray[np.int64]) ->
     extraction = model.encoder.extraction
     if extraction.kind == "ego":
         return embed_graph(model, arrays)[roots]
-    n_classes = model.encoder.n_classes
-    batch = place_graph.reach_all_batch(arrays, n_classes, extraction.radius_m, roots, extraction.bands)
-    return embed_batch(model, batch)
+    return embed_batch(model, place_graph.extract_all(arrays, model.encoder.n_classes, extraction, roots))
 
 
 def _numpy_dtype(tensor: torch.Tensor) -> np.dtype[Any]:

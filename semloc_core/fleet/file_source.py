@@ -28,11 +28,9 @@ class LoadedSource:
 
     @property
     def name(self) -> str:
-        """The map's."""
         return self._map.name
 
     def model(self) -> Model:
-        """The model that the map carries."""
         return self._map.model
 
     def catalogue(self) -> Catalogue:
@@ -48,7 +46,6 @@ class LoadedSource:
         return Nearest(tuple(names[i] for i in numbers), tuple(ids[row] for row in rows.tolist()), similarities)
 
     def fetch(self, building: str) -> Fetched:
-        """One building of the state that `catalogue` told of last."""
         stored, places = self._map.building(building)
         return Fetched(self._catalogue.buildings[building], stored, places)
 
@@ -84,8 +81,6 @@ def _catalogue_of(map_: LoadedMap) -> Catalogue:
     for stored, places in map(map_.building, [each.name for each in map_.stored]):
         digest = building_digest(places, stored.frame_id, stored.graph.digest, stored.history)
         changes = unpack_history(stored.history).classes
-        entries[stored.name] = BuildingEntry(
-            digest, digest, stored.n_places, stored.frame_id, stored.source, stored.stamp_ns, changes
-        )
+        entries[stored.name] = BuildingEntry(digest, digest, stored.n_places, changes)
     model = map_.model
     return Catalogue(map_.hash, model.hash, model.labelspace.hash, model.encoder.dimension, entries)

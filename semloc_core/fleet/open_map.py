@@ -8,7 +8,11 @@ import numpy as np
 
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import MapUnavailableError
+from semloc_core.fleet.file_source import LoadedSource
+from semloc_core.fleet.link import Link
+from semloc_core.fleet.localiser import FleetLocaliser, LargeMapLocaliser
 from semloc_core.fleet.milvus.address import is_address, parse_address
+from semloc_core.fleet.milvus.source import MilvusSource
 from semloc_core.fleet.narrowing import ShortlistConfig
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import load
@@ -45,19 +49,10 @@ def open_localiser(
         asked_for = loaded.narrowed(config.buildings)
         if asked_for.n_places <= ShortlistConfig().places:
             return Localiser(asked_for, config)
-        from semloc_core.fleet.file_source import LoadedSource
-        from semloc_core.fleet.link import Link
-        from semloc_core.fleet.localiser import LargeMapLocaliser
-
         large = LargeMapLocaliser(Link(LoadedSource(loaded), np.random.default_rng(0)), config)
         large.refresh()
         return large
-    address = parse_address(map_)
-    from semloc_core.fleet.link import Link
-    from semloc_core.fleet.localiser import FleetLocaliser
-    from semloc_core.fleet.milvus.source import MilvusSource
-
-    source = MilvusSource(address, config.server_timeout_s, config.server_poll_s)
+    source = MilvusSource(parse_address(map_), config.server_timeout_s, config.server_poll_s)
     link = Link(source, np.random.default_rng())
     localiser = FleetLocaliser(link, config, patience_s=patience_s)
     try:

@@ -27,9 +27,6 @@ class BuildingEntry:
         generation: names what was committed: another one whenever the building was written anew.
         digest: sha256 (hex) of its content, equal wherever the same building is stored.
         n_places: how many places it has.
-        frame_id: frame of its positions.
-        source: where it came from.
-        stamp_ns: when it was made, or None.
         changes: how its classes changed over the traversals merged into it; what a class weighs in a query follows
             from those of all buildings of the map (`semloc_core.map_database.weights.class_weights`).
 
@@ -38,9 +35,6 @@ class BuildingEntry:
     generation: str
     digest: str
     n_places: int
-    frame_id: str
-    source: str
-    stamp_ns: int | None
     changes: Mapping[str, ClassChange] = field(default_factory=dict)
 
 

@@ -33,6 +33,22 @@ def edge_lengths(positions: NDArray[np.float64], edges: NDArray[np.int64]) -> ND
     return lengths
 
 
+def connected(neighbours: Mapping[str, Iterable[str]]) -> list[list[str]]:
+    """The connected parts of a graph (place -> neighbouring places), each sorted, in the order of their first ids."""
+    left, parts = set(neighbours), []
+    for place in sorted(neighbours):
+        if place in left:
+            part, stack = {place}, [place]
+            left.remove(place)
+            while stack:
+                fresh = left.intersection(neighbours[stack.pop()])
+                left -= fresh
+                part |= fresh
+                stack += fresh
+            parts.append(sorted(part))
+    return parts
+
+
 def ball(neighbours: Mapping[str, Mapping[str, float]], source: str, radius_m: float) -> dict[str, float]:
     """Geodesic distance (m) of every place at most ``radius_m`` from ``source``, by Dijkstra's algorithm.
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from semloc_core.graph.geodesic import connected
 from semloc_core.graph.scene_graph import SceneGraph
 
 HANG_M = 4.0
@@ -83,21 +84,8 @@ def _hung(graph: SceneGraph, count: int, left: Sequence[str]) -> str:
 
 
 def _parts_line(graph: SceneGraph) -> list[str]:
-    sizes = sorted(_part_sizes(graph), reverse=True)
+    sizes = sorted(map(len, connected(graph.neighbours)), reverse=True)
     if len(sizes) < 2:
         return []
     listed = ", ".join(map(str, sizes[:NAMED])) + (f" and {len(sizes) - NAMED} smaller" if len(sizes) > NAMED else "")
     return [f"the places are in {len(sizes)} parts without an edge between, of {listed} places"]
-
-
-def _part_sizes(graph: SceneGraph) -> list[int]:
-    sizes, left = [], set(graph.places)
-    while left:
-        stack, size = [left.pop()], 0
-        while stack:
-            size += 1
-            fresh = left.intersection(graph.neighbours[stack.pop()])
-            left -= fresh
-            stack += fresh
-        sizes.append(size)
-    return sizes

@@ -12,8 +12,8 @@ import numpy as np
 from semloc_core.encoding import Model
 from semloc_core.graph import Labelspace, read_graph
 from semloc_core.map_database.history import move_rates, unpack_history
-from semloc_core.map_database.loaded import LoadedMap, StoredBuilding, read_map
-from semloc_core.map_database.protocols import WritableMap
+from semloc_core.map_database.loaded import StoredBuilding, read_map
+from semloc_core.map_database.protocols import ReadableMap
 from semloc_core.map_database.stored.meta import MapMeta, read_meta
 from semloc_core.map_database.stored.records import PlaceRows, derived_storeys, unpack_graph
 from semloc_core.map_database.stored.schema import format_version, read
@@ -35,7 +35,7 @@ def describe(path: str | Path) -> dict[str, Any]:
     return first | said
 
 
-def describe_map(map_: LoadedMap | WritableMap, meta: MapMeta, model: Model) -> dict[str, Any]:
+def describe_map(map_: ReadableMap, meta: MapMeta, model: Model) -> dict[str, Any]:
     """What a map says of itself, wherever it is kept, and of its buildings; each is read, so each is checked."""
     buildings = [_building(*map_.building(name), model.labelspace) for name in map_.buildings]
     return {

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
-from typing import Protocol, Self, Unpack
+from typing import Self, TypeAlias, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,32 +14,11 @@ from numpy.typing import ArrayLike
 from semloc_core.encoding import Model
 from semloc_core.errors import MapError
 from semloc_core.graph import SceneGraph
-from semloc_core.map_database.building_patterns import unknown_building
 from semloc_core.map_database.history import ClassChange, History, pack_history, unpack_history
-from semloc_core.map_database.loaded import StoredBuilding
+from semloc_core.map_database.loaded import LoadedMap, StoredBuilding
 from semloc_core.map_database.stored.meta import MapMeta, check_hash
 from semloc_core.map_database.stored.records import Note, PlaceRows, check_name, check_places, unpack_graph
 from semloc_core.map_database.stored.write import check_in_graph, stored_building
-
-
-class ReadableMap(Protocol):
-    """What is read of a map: a `LoadedMap` has it, and whatever is a `WritableMap`."""
-
-    @property
-    def buildings(self) -> tuple[str, ...]:
-        """Their names."""
-
-    def graph(self, building: str) -> SceneGraph:
-        """The scene graph of one."""
-
-    def history(self, building: str) -> History:
-        """The history of one."""
-
-    def changes(self, building: str) -> Mapping[str, ClassChange]:
-        """The class changes in the history of one."""
-
-    def require(self, model_hash: str | None = None, labelspace_hash: str | None = None) -> None:
-        """Refuse another model or labelspace."""
 
 
 class WritableMap(ABC):
@@ -155,7 +134,11 @@ class WritableMap(ABC):
             MapError: the name is taken, or something does not fit.
 
         """
-        self._put_building(name, graph, place_ids, positions, embeddings, note, new=True)
+        with self.transaction():
+            if name in self.buildings:
+                raise MapError(f"expected a building that the map does not have (got {name!r})")
+            places = check_places(place_ids, positions, embeddings, self._dimension)
+            self._put(stored_building(name, graph, places.ids, note), places, new=True)
 
     def replace_building(
         self,
@@ -167,7 +150,9 @@ class WritableMap(ABC):
         **note: Unpack[Note],
     ) -> None:
         """Put a building in place of the one of that name; arguments and errors as for `add_building`."""
-        self._put_building(name, graph, place_ids, positions, embeddings, note, new=False)
+        with self.transaction():
+            self.remove_building(name)
+            self.add_building(name, graph, place_ids, positions, embeddings, **note)
 
     def copy_building(self, stored: StoredBuilding, places: PlaceRows) -> None:
         """Put a building as another map holds it in place of the one of that name, or add it.
@@ -286,23 +271,6 @@ class WritableMap(ABC):
                 z = embeddings[stored.name]
                 self._put(stored, check_places(places.ids, places.positions, z, model.encoder.dimension))
 
-    def _put_building(
-        self,
-        name: str,
-        graph: SceneGraph,
-        place_ids: Sequence[str],
-        positions: ArrayLike,
-        embeddings: ArrayLike,
-        note: Note,
-        new: bool,
-    ) -> None:
-        with self.transaction():
-            if (name in self.buildings) == new:
-                taken = MapError(f"expected a building that the map does not have (got {name!r})")
-                raise taken if new else unknown_building(name, self.buildings)
-            places = check_places(place_ids, positions, embeddings, self._dimension)
-            self._put(stored_building(name, graph, places.ids, note), places, new=new)
-
     def _revise(self, old: StoredBuilding, places: PlaceRows, graph: SceneGraph | None) -> None:
         stored = replace(old, n_places=len(places.ids), storeys=None)
         if graph is not None:
@@ -315,3 +283,7 @@ class WritableMap(ABC):
         if not places.ids:
             raise MapError(f"expected at least one place in building {stored.name!r} (got none)")
         self._write(stored, places, new=new, revised=revised)
+
+
+ReadableMap: TypeAlias = LoadedMap | WritableMap
+"""What can be read: buildings, their graphs and histories."""

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from small_building import building_update, delta, make_map, make_model
 
+from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import ConfigError, MapError
 from semloc_core.localiser import Localiser
@@ -15,7 +16,6 @@ from semloc_core.matching import Answers
 from semloc_core.matching.layout.confidence import shipped_calibration
 from semloc_core.tracking import FrameFilter
 from semloc_core.tracking.frame_filter import AGREEING, APART_M, KEPT, LEAST, SWAY
-from semloc_core.wire import codec as wire
 
 BAYES = LocaliserConfig(filter="bayes", explain_rate_hz=0.0)
 HOMES = ("hall", "tower")

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from semloc_core.encoding.place_graph.batch import Batch
 from semloc_core.encoding.place_graph.combine import repeat, union
 from semloc_core.encoding.place_graph.ego import EgoRows, ego_batch
@@ -47,15 +50,18 @@ def extract(
     return ego_batch(graph, visibility, labelspace, places, extraction.hops)
 
 
-def extract_all(arrays: GraphArrays, n_classes: int, extraction: Extraction) -> Batch:
+def extract_all(
+    arrays: GraphArrays, n_classes: int, extraction: Extraction, roots: NDArray[np.int64] | None = None
+) -> Batch:
     """What an encoder reads of all P places of a building: roots 0 … P-1 in the order of ``arrays``.
 
     Args:
         arrays: the building.
         n_classes: C of the labelspace that ``arrays`` was made with.
         extraction: what the encoder asks for.
+        roots: (B,) only these places, by index; ``ego`` has all of them in one graph whatever is asked for.
 
     """
     if extraction.kind == "reach":
-        return reach_all_batch(arrays, n_classes, extraction.radius_m, bands=extraction.bands)
+        return reach_all_batch(arrays, n_classes, extraction.radius_m, roots, extraction.bands)
     return whole_graph_batch(arrays, n_classes, extraction.hops, extraction.radius_m)

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from semloc_core.encoding.place_graph import Batch, extract_all, reach_all_batch
+from semloc_core.encoding.place_graph import Batch, extract_all
 from semloc_core.encoding.place_graph.extraction import Extraction
 from semloc_core.graph import GraphArrays, ranges
 from semloc_core.text import short_repr
@@ -36,8 +36,7 @@ class PlaceBatches:
     def of(self, place: int) -> Batch:
         """What the encoder reads of one place."""
         if self.extraction.kind == "reach":
-            roots = np.array([place], dtype=np.int64)
-            return reach_all_batch(self.arrays, self.n_classes, self.extraction.radius_m, roots, self.extraction.bands)
+            return extract_all(self.arrays, self.n_classes, self.extraction, np.array([place], dtype=np.int64))
         return _cut(self._whole, self._starts, place, self.extraction.hops)
 
     @cached_property

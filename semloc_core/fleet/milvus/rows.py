@@ -96,9 +96,7 @@ class Pointer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def entry(self, generation: int) -> BuildingEntry:
         """As a `Catalogue` has it."""
-        return BuildingEntry(
-            str(generation), self.digest, self.n_places, self.frame_id, self.source, self.stamp_ns, self.changes
-        )
+        return BuildingEntry(str(generation), self.digest, self.n_places, self.changes)
 
 
 class MapRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

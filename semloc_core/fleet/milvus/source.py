@@ -51,15 +51,12 @@ class MilvusSource:
 
     @property
     def name(self) -> str:
-        """The map's name in its address."""
         return self._server.address.name
 
     def close(self) -> None:
-        """Close the connection."""
         self._server.close()
 
     def model(self) -> Model:
-        """The map's model."""
         with self._lock:
             state = self._now()
             if self._model is None or self._model[0] != state.model_generation:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from semloc_core.errors import ConfigError, GraphError
-from semloc_core.graph import SceneGraph
+from semloc_core.graph import SceneGraph, ball, connected
 from semloc_core.text import short_repr
 from semloc_core.wire import Position
 
@@ -57,27 +57,9 @@ class _Segment(NamedTuple):
     places: tuple[str, str] = ("", "")
 
 
-def component(neighbours: Neighbours, start: str) -> list[str]:
-    """The places that can be reached from ``start``, sorted."""
-    found, stack = {start}, [start]
-    while stack:
-        for other in neighbours[stack.pop()]:
-            if other not in found:
-                found.add(other)
-                stack.append(other)
-    return sorted(found)
-
-
 def largest_component(graph: SceneGraph) -> list[str]:
     """The connected component with most places, sorted; of several, the one with the first id."""
-    best: list[str] = []
-    left = set(graph.places)
-    for place in sorted(graph.places):
-        if place in left:
-            found = component(graph.neighbours, place)
-            left.difference_update(found)
-            best = found if len(found) > len(best) else best
-    return best
+    return max(connected(graph.neighbours), key=len)
 
 
 def shortest_path(neighbours: Neighbours, start: str, goal: str) -> list[str]:
@@ -126,7 +108,7 @@ def walk_to_goals(
         raise GraphError("expected a graph with places to walk on (got none)")
     if start and start not in graph.places:
         raise ConfigError(f"expected a place of the graph to start from (got {start!r})")
-    places = component(graph.neighbours, start) if start else largest_component(graph)
+    places = sorted(ball(graph.neighbours, start, math.inf)) if start else largest_component(graph)
     start = start or places[int(rng.integers(len(places)))]
     if all(length == 0 for place in places for length in graph.neighbours[place].values()):
         yield WalkPoint(graph.places[start], 0.0, 0.0, {start: 0.0})
