@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     )
     from semloc_core.sources.bag.reader import BagMessage, BagReader, read_messages
     from semloc_core.sources.bag.writer import BagWriter
-    from semloc_core.sources.graph import read_graph
+    from semloc_core.sources.graph import read_building, read_graph
     from semloc_core.sources.hydra.read import AgentPose, HydraFile, read_hydra
     from semloc_core.sources.hydra.stream import DsgStream, odometry, query_place
     from semloc_core.sources.hydra.write import node_id, write_hydra
@@ -37,6 +37,6 @@ __all__ = [
     "GROUND_TRUTH_TOPIC", "HydraFile", "KINDS", "OfficeConfig", "POSE_WITH_COVARIANCE", "Run", "SCENE_GRAPH_TOPIC",
     "STRING", "SimulationConfig", "Step", "TOLERANCE_S", "Truth", "TruthMatcher", "Walk", "WalkConfig",
     "decode_string", "decode_truth", "draw_pair", "draw_stacked", "encode_pose_with_covariance", "encode_string",
-    "graph_at_end", "is_run", "make_office", "node_id", "odometry", "query_place", "read_graph", "read_hydra",
-    "read_messages", "read_run", "simulate_traversal", "walk", "write_hydra", "write_run", "write_world",
+    "graph_at_end", "is_run", "make_office", "node_id", "odometry", "query_place", "read_building", "read_graph",
+    "read_hydra", "read_messages", "read_run", "simulate_traversal", "walk", "write_hydra", "write_run", "write_world",
 ]  # fmt: skip
