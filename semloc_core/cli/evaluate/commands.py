@@ -108,7 +108,9 @@ def online(
     drift: Annotated[
         float, typer.Option(min=0.0, help="Drift of the robot's frame; 1: 0.5° and 0.03 m per axis, a root metre.")
     ] = 0.0,
-    filtered: Annotated[bool, typer.Option("--filter/--no-filter", help="With the filter over places too.")] = True,
+    filtered: Annotated[
+        bool, typer.Option("--filter/--no-filter", help="With the filter too (verified answers).")
+    ] = True,
     verified: Verified = True,
     kidnapped: Annotated[
         bool, typer.Option("--kidnapped", help="Metres until right again, after being carried away.")
