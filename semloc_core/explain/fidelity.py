@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from semloc_core.errors import ConfigError
 from semloc_core.explain.scores import ObjectScores, class_scores, object_scores
 from semloc_core.explain.similarity import SimilarityQuery
+from semloc_core.graph import Floats
 from semloc_core.text import short_repr
 from semloc_core.wire import Fidelity, MethodAttributions
-
-Floats = NDArray[np.float64]
 
 BUDGET = 0.3
 """ρ⋆, the fixed budget of what is published; the paper gives none."""

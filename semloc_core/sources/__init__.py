@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from semloc_core.sources.run import Run, decode_truth, graph_at_end, is_run, read_run, write_run
     from semloc_core.sources.simulate.drift import Frame
     from semloc_core.sources.simulate.traversal import SimulationConfig, Step, simulate_traversal
-    from semloc_core.sources.simulate.walks import Bools, Walk, WalkConfig, walk
+    from semloc_core.sources.simulate.walks import Bools, Walk, WalkConfig, walk, walks_through
     from semloc_core.sources.truth import TOLERANCE_S, TruthMatcher
     from semloc_core.sources.world.furnishings import KINDS
     from semloc_core.sources.world.kinds import BuildingKind, draw_pair
@@ -38,5 +38,6 @@ __all__ = [
     "STRING", "SimulationConfig", "Step", "TOLERANCE_S", "Truth", "TruthMatcher", "Walk", "WalkConfig",
     "decode_string", "decode_truth", "draw_pair", "draw_stacked", "encode_pose_with_covariance", "encode_string",
     "graph_at_end", "is_run", "make_office", "node_id", "odometry", "query_place", "read_building", "read_graph",
-    "read_hydra", "read_messages", "read_run", "simulate_traversal", "walk", "write_hydra", "write_run", "write_world",
+    "read_hydra", "read_messages", "read_run", "simulate_traversal", "walk", "walks_through", "write_hydra",
+    "write_run", "write_world",
 ]  # fmt: skip
