@@ -11,6 +11,8 @@ from semloc_core.encoding import Encoder, PaperEncoder, build_encoder
 from semloc_core.encoding.encoder.paper.encoder import PaperConfig
 from semloc_core.encoding.place_graph import Batch
 from semloc_core.encoding.variants.perturbed import NODES_AT_ONCE
+from semloc_core.explain.explainers.coalitions import exact_values
+from semloc_core.explain.scores import ObjectScores
 from semloc_core.explain.similarity import SimilarityQuery
 
 N_CLASSES = 4
@@ -75,6 +77,12 @@ def encoder_query(
     with torch.no_grad():
         target = encoder(room(other))[0]
     return SimilarityQuery.from_encoder(encoder, query, target, class_names(query), nodes_at_once=nodes_at_once)
+
+
+def node_shapley(query: SimilarityQuery) -> ObjectScores:
+    """Exact Shapley values of objects, from all 2^O coalitions."""
+    found = exact_values(query.of_objects, query.n_objects)
+    return query.scores("node_shapley", found.values, found.standard_error, found.gap)
 
 
 def any_encoder(name: str) -> Encoder:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,6 +24,10 @@ from semloc_core.cli.shared.foreign_classes import report_unknown_classes
 from semloc_core.cli.shared.outputs import Writes, output_option
 from semloc_core.errors import ConfigError
 from semloc_core.files import PAGE, STUDY, write_whole
+
+if TYPE_CHECKING:
+    from semloc_core.introspection import Introspection
+    from semloc_core.metrics import Row
 
 
 def introspect(
@@ -65,13 +70,13 @@ def introspect(
 
     On a GRAPH it trains an encoder a seed; on a MAP it studies the map's own, on variants of the building by the seeds.
     """
-    from semloc_core.explain import BUDGET, EXPLAINERS, check_methods
+    from semloc_core.explain import EXPLAINERS, check_methods
     from semloc_core.files import MAP, kind_of
     from semloc_core.graph import GraphArrays, Reading, count_unknown
-    from semloc_core.introspection import MOVED_M, check_lines, mean_rows, overall, ranking_rows
+    from semloc_core.introspection import MOVED_M, ranking_rows
     from semloc_core.introspection import introspect as study
     from semloc_core.map_database import load
-    from semloc_core.metrics import cell, document, print_table
+    from semloc_core.metrics import document
     from semloc_core.training import train_config
 
     chosen = list(EXPLAINERS) if methods is None else by_comma(methods)
@@ -109,6 +114,27 @@ def introspect(
             progress=bar,
         )
     table = ranking_rows(found.runs, chosen)
+    _print_study(found, table)
+    if json_file is not None:
+        write_whole(json_file, document("introspect", seed, [str(source)], [*table, *found.rows]))
+    if output is not None or keep_file is not None:
+        from semloc_core.report import introspection_page, keep
+
+        page = introspection_page(found, arrays.name)
+        if keep_file is not None:
+            keep(page, keep_file)
+        if output is not None:
+            text = page.html()
+            write_whole(output, text.encode())
+            console.print(f"{output}: {len(text.encode()) / 1e3:.0f} kB")
+
+
+def _print_study(found: Introspection, table: Sequence[Row]) -> None:
+    """The study's tables and verdicts; ``table``: classes by falling importance."""
+    from semloc_core.explain import BUDGET
+    from semloc_core.introspection import check_lines, mean_rows, overall
+    from semloc_core.metrics import cell, print_table
+
     console.print("which explainers passed the checks")
     for line in check_lines(found.checks):
         console.print(f"  {line}")
@@ -131,15 +157,3 @@ def introspect(
             if row["decides"] and row["hypothesis"] == number:
                 console.print(f"  {row['claim']}, by {row['method']}, for {row['scope']}:")
                 console.print(f"    {cell(row, 'figure')}, {row['null']:g} if it were not so: {row['verdict']}")
-    if json_file is not None:
-        write_whole(json_file, document("introspect", seed, [str(source)], [*table, *found.rows]))
-    if output is not None or keep_file is not None:
-        from semloc_core.report import introspection_page, keep
-
-        page = introspection_page(found, arrays.name)
-        if keep_file is not None:
-            keep(page, keep_file)
-        if output is not None:
-            text = page.html()
-            write_whole(output, text.encode())
-            console.print(f"{output}: {len(text.encode()) / 1e3:.0f} kB")

@@ -26,12 +26,9 @@ from semloc_core.encoding import (
     TfidfEncoder,
     extract_all,
 )
-from semloc_core.graph import GraphArrays
+from semloc_core.graph import Floats, GraphArrays, Ints
 from semloc_core.metrics import Row
 from semloc_core.text import short_repr
-
-Ints = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 LABELS_ONLY: tuple[type[Encoder], ...] = (PaperEncoder, BagOfWordsEncoder, HistogramEncoder, TfidfEncoder)
 """Encoders that read class labels and edges; for those that read distances too, colours bound nothing."""

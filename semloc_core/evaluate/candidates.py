@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.encoding import Model, embed_graph, embed_places, similarity_matrix
-from semloc_core.errors import GraphError
 from semloc_core.evaluate.relocalise import BASELINES, Arena, fitted, make_arena, read_buildings
 from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, union
 from semloc_core.metrics import Progress, Row, no_progress
-from semloc_core.sources import WalkConfig, walk
+from semloc_core.sources import WalkConfig, walks_through
 
 RANKS = (1, 10, 100, 300)
 METRES = (0.0, 5.0, 10.0)
@@ -91,7 +90,8 @@ def _judge(name: str, model: Model, arena: Arena, metres: Sequence[float], walks
             groups.append(np.full(len(places), b, dtype=np.int64))
         if right:
             row: Row = {"method": name, "scope": scope, "queries": sum(map(len, right)), "unknown": unknown}
-            rows.append(row | _figures(np.concatenate(right), np.concatenate(groups), seed))
+            rng, of = np.random.default_rng(seed), np.concatenate(groups)
+            rows.append(row | metrics.success_figures(np.concatenate(right), rng, of, RANKS))
     return rows
 
 
@@ -100,23 +100,8 @@ def _fragments(queries: Sequence[GraphArrays], length: float, walks: int, seed: 
     found: Asked = []
     for b, query in enumerate(queries):
         rng = np.random.default_rng([seed, b])
-        for _ in range(walks):
-            try:
-                way = walk(query, WalkConfig(distance_m=max(length, SHORTEST_M)), rng)
-            except GraphError:  # no two places are joined
-                break
+        for way in walks_through(query, WalkConfig(distance_m=max(length, SHORTEST_M)), rng, walks):
             step = int(np.searchsorted(way.metres, length).clip(max=way.steps - 1))
             part, place = way.part(step)
             found.append((b, part, np.array([place], dtype=np.int64), way.truth()[[step]]))
     return found
-
-
-def _figures(right: NDArray[np.bool_], groups: Ints, seed: int) -> Row:
-    """Figures of the queries (Q, N), whose matches are right or not; an interval over buildings, if several."""
-    rng, row = np.random.default_rng(seed), Row()
-    of = groups if len(np.unique(groups)) > 1 else None
-    for n in RANKS:
-        success: NDArray[np.bool_] = right[:, :n].max(axis=1)
-        low, high = metrics.bootstrap_interval(success, rng, groups=of)
-        row |= {f"success@{n}": float(success.mean()), f"success@{n}_low": low, f"success@{n}_high": high}
-    return row

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.errors import GraphError, SemlocError
+from semloc_core.errors import SemlocError
 from semloc_core.evaluate.verified_answers import fragments_along, layout_verifier
 from semloc_core.files import CALIBRATION, Output, guarded, write_whole
 from semloc_core.graph import Floats, GraphArrays, Labelspace, load_labelspace, storey_at
@@ -32,7 +32,7 @@ from semloc_core.matching import (
     other_figures,
     perfect,
 )
-from semloc_core.sources import KINDS, BuildingKind, WalkConfig, draw_pair, draw_stacked, walk
+from semloc_core.sources import KINDS, BuildingKind, Walk, WalkConfig, draw_pair, draw_stacked, walks_through
 from semloc_core.text import short_repr
 from semloc_core.training import PerturbConfig, perturb
 
@@ -127,8 +127,8 @@ def gather(
     return [
         example
         for building, graph in enumerate(again)
-        for _ in range(walks)
-        for example in _walked(verifier, building, maps, graph, rng)
+        for way in walks_through(graph, WalkConfig(distance_m=LONGEST_M), rng, walks)
+        for example in _walked(verifier, building, maps, way, rng)
     ]
 
 
@@ -174,13 +174,9 @@ def fit(examples: Sequence[Example]) -> Calibration:
 
 
 def _walked(
-    verifier: LayoutVerifier, building: int, maps: Sequence[GraphArrays], graph: GraphArrays, rng: np.random.Generator
+    verifier: LayoutVerifier, building: int, maps: Sequence[GraphArrays], way: Walk, rng: np.random.Generator
 ) -> Iterator[Example]:
     mapped, own = verifier.mapped, maps[building]
-    try:
-        way = walk(graph, WalkConfig(distance_m=LONGEST_M), rng)
-    except GraphError:  # a building without two places that are joined
-        return
     metres = [0.0, *np.exp(rng.uniform(0.0, np.log(LONGEST_M), 3))]
     steps = np.unique(np.minimum(np.searchsorted(way.metres, metres), way.steps - 1)).astype(np.int64)
     others = np.array([b for b in range(len(maps)) if b != building])

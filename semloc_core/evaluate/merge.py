@@ -18,7 +18,7 @@ from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.encoding import Model, embed_graph, similarity_matrix
 from semloc_core.errors import MapError
 from semloc_core.evaluate.merge_cases import Case, misplaced_m
-from semloc_core.graph import GraphArrays, Ints, Labelspace, SceneGraph, storey_at
+from semloc_core.graph import GraphArrays, Labelspace, SceneGraph, storey_at
 from semloc_core.map_database import History, class_weights, move_rates, object_weights
 from semloc_core.map_merge import MergeConfig, Side, Transform, merge, side
 from semloc_core.metrics import Progress, Row, no_progress
@@ -194,9 +194,8 @@ def _success(
             before = right if before is None else before
             rng = np.random.default_rng(seed)
             row: Row = {"method": name, "scope": scope, "map": map_name, "queries": len(right)}
-            for n in (1, 5):
-                row |= _interval(f"success@{n}", right[:, :n].max(axis=1), rng, groups)
-            row |= _interval("gain", right[:, 0].astype(np.float64) - before[:, 0], rng, groups)
+            row |= metrics.success_figures(right, rng, groups, (1, 5))
+            row |= metrics.with_interval("gain", right[:, 0].astype(np.float64) - before[:, 0], rng, groups)
             rows.append(row)
     return rows
 
@@ -218,12 +217,6 @@ def _right(asked: Sequence[GraphArrays], model: Model, map_: _Map, radius_m: flo
         near = (away <= radius_m) & (building[best] == number)
         found.append(near & (storey[best] == np.array(truth, dtype=np.int64)[:, None]))
     return np.concatenate(found)
-
-
-def _interval(name: str, values: NDArray[np.generic], rng: np.random.Generator, groups: Ints) -> Row:
-    several = len(np.unique(groups)) > 1
-    low, high = metrics.bootstrap_interval(values, rng, groups=groups if several else None)
-    return {name: float(values.astype(np.float64).mean()), f"{name}_low": low, f"{name}_high": high}
 
 
 def _foreign(cases: Sequence[Case], model: Model, config: MergeConfig) -> dict[str, int]:

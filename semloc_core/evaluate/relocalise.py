@@ -276,9 +276,4 @@ def _with_chance(rows: list[Row], arena: Arena, radius_m: float) -> list[Row]:
 def _row(method: str, scope: str, right: NDArray[np.bool_], rng: np.random.Generator, groups: Ints | None) -> Row:
     """Figures of the queries (Q, 10), whose matches are right or not."""
     row: Row = {"method": method, "scope": scope, "queries": len(right)}
-    for n in metrics.RANKS:
-        success: NDArray[np.bool_] = right[:, :n].max(axis=1)
-        low, high = metrics.bootstrap_interval(success, rng, groups=groups)
-        mean = float(success.mean()) if len(success) else float("nan")
-        row |= {f"success@{n}": mean, f"success@{n}_low": low, f"success@{n}_high": high}
-    return row
+    return row | metrics.success_figures(right, rng, groups)

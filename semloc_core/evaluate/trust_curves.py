@@ -152,7 +152,7 @@ def success_points(study: Study, seed: int = 0) -> tuple[list[float], dict[str, 
             answers = [judged for judged in study.answers if judged.scope_m == scope]
             so = np.array([is_so(judged) for judged in answers])
             groups = np.array([judged.building for judged in answers])
-            low, high = metrics.bootstrap_interval(so, rng, groups=groups if len(set(groups.tolist())) > 1 else None)
+            low, high = metrics.bootstrap_interval(so, rng, groups=groups)
             curves[name].append((float(so.mean()), low, high))
     return _scopes(study), curves
 
@@ -168,8 +168,7 @@ def reliability_points(answers: Sequence[Judged], seed: int = 0) -> list[tuple[f
     for b in range(BINS):
         mine: NDArray[np.bool_] = of == b
         if mine.sum() >= LEAST:
-            several = len(set(groups[mine].tolist())) > 1
-            low, high = metrics.bootstrap_interval(right[mine], rng, groups=groups[mine] if several else None)
+            low, high = metrics.bootstrap_interval(right[mine], rng, groups=groups[mine])
             points.append((float(said[mine].mean()), float(right[mine].mean()), low, high, float(mine.mean())))
     return points
 

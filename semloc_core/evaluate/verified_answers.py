@@ -144,8 +144,3 @@ def add_error(errors: PoseErrors, placing: Placed | None, fragment: Fragment, tr
     """Count the error of a fragment's place, which truly is at (3,) ``truth``, metres, its frame turned by ``yaw``."""
     if placing is not None:
         errors.add(placing.of(fragment.origin) - truth, placing.yaw - yaw, placing.covariance)
-
-
-def sureness(verifier: LayoutVerifier, found: Verified, fragment: Fragment) -> float:
-    """P(the best place is within the match radius of the robot, and on its storey)."""
-    return float(confidence(found, fragment, verifier.mapped).probability.max())

@@ -8,9 +8,8 @@ import torch
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import SemlocError
 from semloc_core.explain.explainers.by_name import explain
-from semloc_core.explain.fidelity import own_fidelity
+from semloc_core.explain.fidelity import said_by
 from semloc_core.explain.layout_scores import LAYOUT, layout_attributions
-from semloc_core.explain.scores import class_scores, object_scores
 from semloc_core.explain.similarity import SimilarityQuery
 from semloc_core.matching import Located
 from semloc_core.wire import ClassAttributions, MethodAttributions
@@ -70,14 +69,7 @@ def explain_answer(located: Located, config: LocaliserConfig) -> ClassAttributio
         queries=located.map.queries,
     )
     scores = explain(question, config.explainer, np.random.default_rng(EXPLAINER_SEED))
-    said = MethodAttributions(
-        method=scores.method,
-        classes=class_scores(scores),
-        objects=object_scores(scores),
-        fidelity=own_fidelity(question, scores),
-        completeness_gap=scores.completeness_gap,
-    )
-    return _message(located, said, scores.unattributed)
+    return _message(located, said_by(question, scores), scores.unattributed)
 
 
 def _message(located: Located, said: MethodAttributions, unattributed: float | None) -> ClassAttributions:

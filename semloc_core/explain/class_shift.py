@@ -14,16 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from semloc_core.encoding import extract
 from semloc_core.explain.intrinsic import intrinsic_scores
 from semloc_core.explain.scores import class_scores
-from semloc_core.graph import Visibility
+from semloc_core.graph import Floats, Visibility
 from semloc_core.map_database import LoadedMap
 from semloc_core.text import percent, short_repr
 
-Floats = NDArray[np.float64]
 Mix = Mapping[str, float]
 SAMPLE = 80
 """Places of a building that are looked at; spread evenly over it."""

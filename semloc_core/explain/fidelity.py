@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.errors import ConfigError
-from semloc_core.explain.scores import ObjectScores
+from semloc_core.explain.scores import ObjectScores, class_scores, object_scores
 from semloc_core.explain.similarity import SimilarityQuery
+from semloc_core.graph import Floats
 from semloc_core.text import short_repr
-from semloc_core.wire import Fidelity
-
-Floats = NDArray[np.float64]
+from semloc_core.wire import Fidelity, MethodAttributions
 
 BUDGET = 0.3
 """ρ⋆, the fixed budget of what is published; the paper gives none."""
@@ -87,11 +86,7 @@ def characterisation(necessity: Floats, sufficiency: Floats, w_plus: float = 0.5
 
 
 def fidelity_curves(
-    query: SimilarityQuery,
-    scores: Sequence[ObjectScores],
-    budgets: Sequence[float] = BUDGETS,
-    w_plus: float = 0.5,
-    w_minus: float = 0.5,
+    query: SimilarityQuery, scores: Sequence[ObjectScores], budgets: Sequence[float] = BUDGETS
 ) -> list[FidelityCurve]:
     """Fidelity of several explainers over a grid of budgets, all in one batch.
 
@@ -99,11 +94,9 @@ def fidelity_curves(
         query: what was explained.
         scores: of each explainer, on this query.
         budgets: R fractions ρ in [0, 1].
-        w_plus: see `characterisation`.
-        w_minus: see `characterisation`.
 
     Raises:
-        ConfigError: a budget out of range, scores of other objects, or weights as of `characterisation`.
+        ConfigError: a budget out of range, or scores of other objects.
 
     """
     for budget in budgets:
@@ -122,7 +115,7 @@ def fidelity_curves(
     keep, drop = value.reshape(2, len(scores), len(counts))
     full = _to_unit(np.array(query.full))
     necessity, sufficiency = np.abs(drop - full), np.abs(full - keep)
-    score = characterisation(necessity, sufficiency, w_plus, w_minus)
+    score = characterisation(necessity, sufficiency)
     return [
         FidelityCurve(of.method, np.array(budgets, dtype=np.float64), necessity[m], sufficiency[m], score[m])
         for m, of in enumerate(scores)
@@ -144,6 +137,17 @@ def own_fidelity(query: SimilarityQuery, scores: ObjectScores, budget: float = B
         sufficiency=float(curve.sufficiency[0]),
         characterisation=float(curve.characterisation[0]),
         budget=budget,
+    )
+
+
+def said_by(query: SimilarityQuery, scores: ObjectScores) -> MethodAttributions:
+    """What is published of an explainer's scores: by class and by object, and how well that holds when tested."""
+    return MethodAttributions(
+        method=scores.method,
+        classes=class_scores(scores),
+        objects=object_scores(scores),
+        fidelity=own_fidelity(query, scores),
+        completeness_gap=scores.completeness_gap,
     )
 
 

@@ -11,15 +11,14 @@ import torch
 from semloc_core.encoding import PerturbedEncoder
 from semloc_core.errors import ConfigError, GraphError, MapError, SemlocError
 from semloc_core.explain.counterfactual import counterfactual, why_not
-from semloc_core.explain.explainers.by_name import CONTROLS, EXPLAINERS, explain
-from semloc_core.explain.fidelity import BUDGET, own_fidelity
+from semloc_core.explain.explainers.by_name import CONTROLS, EXPLAINERS, check_methods, explain
+from semloc_core.explain.fidelity import said_by
 from semloc_core.explain.layout_scores import LAYOUT, layout_attributions
-from semloc_core.explain.scores import class_scores, object_scores
 from semloc_core.explain.similarity import SimilarityQuery
 from semloc_core.explain.without_class import without_classes
 from semloc_core.map_database import LoadedMap
 from semloc_core.matching import Evidence, Located, evidence_at, verifier_of
-from semloc_core.wire import ExplainRequest, Explanation, MethodAttributions, PlaceEvidence
+from semloc_core.wire import ExplainRequest, Explanation, PlaceEvidence
 
 SEED = 0
 """Explainers that sample start from it at every request, so that the same question has the same answer."""
@@ -98,10 +97,7 @@ def _listed(located: Located) -> list[int]:
 
 def check_asked(methods: Sequence[str]) -> None:
     """Raise ConfigError where a name is no explainer's that a pair can be explained by."""
-    known = [*EXPLAINERS, LAYOUT, *CONTROLS]
-    for method in methods:
-        if method not in known:
-            raise ConfigError(f"expected explainers among {', '.join(known)} (got {method!r})")
+    check_methods(methods, [*EXPLAINERS, LAYOUT, *CONTROLS])
 
 
 def asked_methods(located: Located, methods: Sequence[str] | None) -> list[str]:
@@ -181,16 +177,7 @@ def explain_pair(
         if method == LAYOUT and evidence is not None:
             said.append(layout_attributions(evidence, loaded.model.labelspace.classes))
             continue
-        scores = explain(question, method, np.random.default_rng(seed))
-        said.append(
-            MethodAttributions(
-                method=scores.method,
-                classes=class_scores(scores),
-                objects=object_scores(scores),
-                fidelity=own_fidelity(question, scores, BUDGET),
-                completeness_gap=scores.completeness_gap,
-            )
-        )
+        said.append(said_by(question, explain(question, method, np.random.default_rng(seed))))
     z = query.encoded.embedding[0].numpy()
     perturbed = PerturbedEncoder(encoder, query.batch)
     contrast = why_not(loaded, perturbed, names, z, row, _listed(located), np.random.default_rng(seed))

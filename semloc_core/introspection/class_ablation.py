@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from semloc_core import metrics
 from semloc_core.encoding import Model, embed_graph, similarity_matrix
-from semloc_core.graph import GraphArrays, Labelspace
+from semloc_core.graph import Floats, GraphArrays, Labelspace
 from semloc_core.training import positive_pairs
 
-Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 

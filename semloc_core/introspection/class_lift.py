@@ -7,9 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core.graph import Floats
 from semloc_core.introspection.run import Run
-
-Floats = NDArray[np.float64]
 
 
 def of_class(run: Run, names: Sequence[str]) -> NDArray[np.bool_]:

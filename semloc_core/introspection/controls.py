@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from semloc_core.explain import BUDGET, CONTROLS
+from semloc_core.introspection.agreement.ranks import named
 from semloc_core.introspection.run import Run
 from semloc_core.introspection.whole_map import INVERTED
 from semloc_core.metrics import Row, bootstrap, squares
@@ -39,13 +40,13 @@ def control_rows(runs: Sequence[Run], methods: Sequence[str], *, draws: int = DR
             better = [
                 run.introspection.characterisation[method] - run.introspection.characterisation[control] for run in runs
             ]
-            figure, low, high = bootstrap(
+            found = bootstrap(
                 lambda r, weight, of=better: float(np.average(of[r], weights=weight)) if weight.sum() else np.nan,  # type: ignore[misc]
                 where,
                 draws,
                 rng,
             )
-            verdict = "better" if low > 0 else "worse" if high < 0 else "no better"
+            verdict = "better" if found[1] > 0 else "worse" if found[2] < 0 else "no better"
             row: Row = {"method": method, "scope": f"against {control}", "budget": BUDGET}
-            rows.append(row | {"better_by": figure, "better_by_low": low, "better_by_high": high, "verdict": verdict})
+            rows.append(row | named("better_by", found) | {"verdict": verdict})
     return rows

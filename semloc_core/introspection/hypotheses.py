@@ -16,11 +16,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.encoding import embed_graph, similarity_matrix
 from semloc_core.explain import BUDGET
+from semloc_core.graph import Floats, Ints
+from semloc_core.introspection.agreement.ranks import named
 from semloc_core.introspection.class_ablation import without_class
 from semloc_core.introspection.class_lift import lift, of_class
 from semloc_core.introspection.mobility_study import MobilityRun
@@ -28,8 +29,6 @@ from semloc_core.introspection.run import ABLATION, Run
 from semloc_core.metrics import Row, Statistic, WeightedPrecision, bootstrap, squares
 from semloc_core.training import positive_pairs
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 DRAWS = 400
 
 
@@ -79,10 +78,10 @@ def hypothesis_rows(
     rows: list[Row] = []
 
     def test(claim: Claim, method: str, scope: Sequence[str], of: Statistic, squares_of: Sequence[Ints]) -> None:
-        figure, low, high = bootstrap(of, squares_of, draws, rng)
+        figure = bootstrap(of, squares_of, draws, rng)
         row: Row = {"hypothesis": claim.hypothesis, "claim": claim.words, "method": method, "scope": ", ".join(scope)}
-        row |= {"figure": figure, "figure_low": low, "figure_high": high, "null": claim.null}
-        row |= {"verdict": verdict(claim, low, high), "decides": int(method in (best, ABLATION, "coverage"))}
+        row |= named("figure", figure) | {"null": claim.null, "verdict": verdict(claim, *figure[1:])}
+        row |= {"decides": int(method in (best, ABLATION, "coverage"))}
         rows.append(row)
 
     test(

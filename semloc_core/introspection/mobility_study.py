@@ -13,18 +13,16 @@ from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from semloc_core.evaluate import SEEDS, office_variants
 from semloc_core.explain import EXPLAINERS
-from semloc_core.graph import GraphArrays, Labelspace
+from semloc_core.graph import Floats, GraphArrays, Labelspace
 from semloc_core.introspection.class_ablation import class_frequencies
 from semloc_core.introspection.whole_map import introspect_map
 from semloc_core.metrics import Progress, no_progress
 from semloc_core.text import short_repr
 from semloc_core.training import TrainConfig, train_config
 
-Floats = NDArray[np.float64]
 MOVED_M = 2.0
 """Standard deviation of x and of y of an object that moves, metres."""
 PLACES = 200

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from semloc_core.encoding import Model, embed_graph
 from semloc_core.explain import EXPLAINERS
-from semloc_core.graph import GraphArrays
+from semloc_core.graph import Floats, GraphArrays
 from semloc_core.introspection.class_ablation import (
     ablate_classes,
     class_frequencies,
@@ -23,7 +23,6 @@ from semloc_core.metrics import Progress, no_progress
 from semloc_core.text import short_repr
 
 Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 ABLATION = "ablation"
 SHIFT_PLACES = 150
 SAME = 1e-5

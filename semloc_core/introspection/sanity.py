@@ -10,13 +10,13 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from semloc_core.encoding import Model, PlaceBatches, embed_graph
+from semloc_core.encoding import Model
 from semloc_core.explain import BASELINES, EXPLAINERS, ObjectScores, SimilarityQuery, explain, integrated_gradients
-from semloc_core.graph import GraphArrays
+from semloc_core.graph import Floats, GraphArrays
 from semloc_core.introspection.agreement.ranks import spearman
+from semloc_core.introspection.whole_map import questions
 from semloc_core.metrics import Progress, Row, no_progress
 
-Floats = NDArray[np.float64]
 FINER = 8
 """How many times as many steps Integrated Gradients is tried with."""
 PLACES = 20
@@ -133,14 +133,12 @@ def baseline_rows(
         ``spearman`` and ``gap``, the mean magnitude of the completeness gap over the places.
 
     """
-    questions = list(_questions(model, query, reference, places))
+    asked = list(_questions(model, query, reference, places))
     found: dict[str, list[ObjectScores]] = {
-        baseline: [integrated_gradients(question, steps=steps, baseline=baseline) for question in questions]
+        baseline: [integrated_gradients(question, steps=steps, baseline=baseline) for question in asked]
         for baseline in BASELINES
     }
-    found[f"zero, {FINER * steps} steps"] = [
-        integrated_gradients(question, steps=FINER * steps) for question in questions
-    ]
+    found[f"zero, {FINER * steps} steps"] = [integrated_gradients(question, steps=FINER * steps) for question in asked]
     return [
         {
             "method": "integrated_gradients",
@@ -157,13 +155,7 @@ def _questions(
     model: Model, query: GraphArrays, reference: GraphArrays, places: Sequence[int]
 ) -> Iterator[SimilarityQuery]:
     """The places with at least three objects in reach: on fewer a rank correlation says nothing."""
-    targets = torch.from_numpy(embed_graph(model, reference))
-    batches = PlaceBatches(query, len(model.labelspace), model.encoder.extraction)
-    for place in places:
-        batch = batches.of(place)
-        if int(batch.is_object.sum()) >= 3:
-            names = [model.labelspace.classes[c] for c in batch.features.argmax(1).tolist()]
-            yield SimilarityQuery.from_encoder(model.encoder, batch, targets[place], names)
+    return (question for _, question in questions(model, query, reference, places) if question.n_objects >= 3)
 
 
 def _scores(

@@ -10,13 +10,10 @@ from numpy.typing import NDArray
 from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.encoding import Model, build_encoder, embed_graph, similarity_matrix
-from semloc_core.graph import GraphArrays
+from semloc_core.graph import Floats, GraphArrays, Ints
 from semloc_core.introspection.run import Run
 from semloc_core.text import short_repr
 from semloc_core.training import positive_pairs
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @short_repr

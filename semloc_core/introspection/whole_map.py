@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,11 +23,9 @@ from semloc_core.explain import (
     fidelity_curves,
     inverted,
 )
-from semloc_core.graph import GraphArrays
+from semloc_core.graph import Floats, GraphArrays
 from semloc_core.metrics import Progress, no_progress
 from semloc_core.text import short_repr
-
-Floats = NDArray[np.float64]
 
 INVERTED = "inverted"
 """The control that is the first explainer's ranking upside down."""
@@ -90,25 +88,14 @@ def introspect_map(
         words: what ``progress`` says.
 
     """
-    labelspace = model.labelspace
-    assert query.place_ids == reference.place_ids, "the two graphs must have the same places"
-    targets = torch.from_numpy(embed_graph(model, reference))
-    batches = PlaceBatches(query, len(labelspace), model.encoder.extraction)
     number = {id_: i for i, id_ in enumerate(query.object_ids)}
     wanted = range(query.n_places) if places is None else places
     seen = np.zeros((len(wanted), query.n_objects), dtype=np.bool_)
     laid_out = {method: np.zeros((len(wanted), query.n_objects), dtype=np.float32) for method in methods}
     curves: dict[str, list[FidelityCurve]] = {}
     explained: list[int] = []
-    for done, place in enumerate(wanted):
+    for done, (place, question) in enumerate(questions(model, query, reference, wanted)):
         progress(done, len(wanted), words)
-        batch = batches.of(place)
-        if not bool(batch.is_object.any()):
-            continue
-        names = ["?"] * batch.n_nodes
-        for i in torch.nonzero(batch.features.any(1)).flatten().tolist():
-            names[i] = labelspace.classes[int(batch.features[i].argmax())]
-        question = SimilarityQuery.from_encoder(model.encoder, batch, targets[place], names)
         said: dict[str, ObjectScores] = {
             method: explain(question, method, np.random.default_rng([seed, place])) for method in methods
         }
@@ -136,6 +123,30 @@ def introspect_map(
             name: np.array([curve.characterisation[fixed] for curve in of_places]) for name, of_places in curves.items()
         },
     )
+
+
+def questions(
+    model: Model, query: GraphArrays, reference: GraphArrays, places: Iterable[int]
+) -> Iterator[tuple[int, SimilarityQuery]]:
+    """Places of a query graph that see an object, each asked about its similarity to the same place in the map.
+
+    Args:
+        model: the model; its encoder in eval mode.
+        query: the query graph; its places are those of ``reference``, in the same order.
+        reference: the map's graph.
+        places: which places.
+
+    """
+    assert query.place_ids == reference.place_ids, "the two graphs must have the same places"
+    targets = torch.from_numpy(embed_graph(model, reference))
+    batches = PlaceBatches(query, len(model.labelspace), model.encoder.extraction)
+    names = np.array([*model.labelspace.classes, "?"])
+    for place in places:
+        batch = batches.of(place)
+        if not bool(batch.is_object.any()):
+            continue
+        of_node = torch.where(batch.features.any(1), batch.features.argmax(1), -1).tolist()
+        yield place, SimilarityQuery.from_encoder(model.encoder, batch, targets[place], names[of_node].tolist())
 
 
 def shares(scores: Floats) -> Floats:

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from semloc_core.metrics.calibration import BINS, accepted_share, expected_calibration_error
     from semloc_core.metrics.intervals import Statistic, bootstrap, squares
     from semloc_core.metrics.pivot import Pivot, online_pivots
-    from semloc_core.metrics.pose_error import Floats, Histogram, PoseErrors
+    from semloc_core.metrics.pose_error import Histogram, PoseErrors
     from semloc_core.metrics.precision_recall import (
         RANKS,
         bootstrap_interval,
@@ -17,7 +17,9 @@ if TYPE_CHECKING:
         mean_and_deviation,
         pr_auc,
         retrieval,
+        success_figures,
         top,
+        with_interval,
     )
     from semloc_core.metrics.rows import Progress, Row, no_progress
     from semloc_core.metrics.table import HIGH, LOW, STD, cell, columns, document, print_table
@@ -26,8 +28,8 @@ else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "BINS", "Floats", "HIGH", "Histogram", "LOW", "Pivot", "PoseErrors", "Progress", "RANKS", "Row", "STD",
+    "BINS", "HIGH", "Histogram", "LOW", "Pivot", "PoseErrors", "Progress", "RANKS", "Row", "STD",
     "Statistic", "WeightedPrecision", "accepted_share", "bootstrap", "bootstrap_interval", "cell", "columns",
     "document", "expected_calibration_error", "f1_at", "fit_threshold", "mean_and_deviation", "no_progress",
-    "online_pivots", "pr_auc", "print_table", "retrieval", "squares", "top",
+    "online_pivots", "pr_auc", "print_table", "retrieval", "squares", "success_figures", "top", "with_interval",
 ]  # fmt: skip

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
+from semloc_core.graph import Floats, Ints
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 BLOCK_M = MATCH_RADIUS_M
 """Neighbouring places see the same objects: whole squares of this side are drawn, metres."""
 

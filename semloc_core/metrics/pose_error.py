@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core.graph import Floats
 from semloc_core.text import short_repr
 
-Floats = NDArray[np.float64]
 _LOWEST, _RATIO, _BINS = 1e-3, 1.01, 2000
 CHI2_95 = (3.841459, 5.991465, 7.814728)
 """95th percentile of χ² with 1, 2 and 3 degrees of freedom."""

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.errors import ConfigError
+from semloc_core.graph import Ints
+from semloc_core.metrics.rows import Row
 
-Floats = NDArray[np.float64]
 Similarities = NDArray[np.float32]
 Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 RANKS = (1, 5, 10)
 
@@ -156,8 +156,8 @@ def bootstrap_interval(
     Args:
         values: (Q,) one figure a query.
         rng: source of the resamples.
-        groups: (Q,) group of each query, or None. None resamples queries: the interval speaks of other queries
-            in the same buildings. With groups (buildings) whole groups are resampled: it speaks of other
+        groups: (Q,) group of each query, or None. None, or one group alone, resamples queries: the interval speaks of
+            other queries in the same buildings. With groups (buildings) whole groups are resampled: it speaks of other
             buildings, and is wider, since queries of one building share its difficulty.
         resamples: number of resamples.
         level: coverage.
@@ -169,7 +169,7 @@ def bootstrap_interval(
     values = np.asarray(values, dtype=np.float64)
     if len(values) == 0:
         return float("nan"), float("nan")
-    if groups is None:
+    if groups is None or len(np.unique(groups)) == 1:
         sums, sizes = values, np.ones(len(values))
     else:
         _, index = np.unique(groups, return_inverse=True)
@@ -181,6 +181,23 @@ def bootstrap_interval(
     tail = (1.0 - level) / 2.0
     low, high = np.quantile(means, [tail, 1.0 - tail])
     return float(low), float(high)
+
+
+def with_interval(name: str, values: NDArray[np.generic], rng: np.random.Generator, groups: Ints | None = None) -> Row:
+    """``name``, the mean of a figure of each query (Q,), and ``name_low`` and ``name_high``: `bootstrap_interval`."""
+    low, high = bootstrap_interval(values, rng, groups=groups)
+    return {name: _mean(values), f"{name}_low": low, f"{name}_high": high}
+
+
+def success_figures(
+    right: Bools, rng: np.random.Generator, groups: Ints | None = None, ranks: Sequence[int] = RANKS
+) -> Row:
+    """success@N with its interval, for each N of ``ranks``, of matches (Q, M) that are right or not, best first."""
+    row = Row()
+    for n in ranks:
+        success: Bools = right[:, :n].max(axis=1)
+        row |= with_interval(f"success@{n}", success, rng, groups)
+    return row
 
 
 def mean_and_deviation(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:

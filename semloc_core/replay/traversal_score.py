@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.metrics import Floats, Histogram, PoseErrors
+from semloc_core.graph import Floats
+from semloc_core.metrics import Histogram, PoseErrors
 from semloc_core.wire import PlaceMatches, Position
 
 FROM_METRES = (0.0, 5.0, 10.0, 20.0, 40.0)
@@ -91,11 +92,6 @@ class TraversalScore:
         self._travelled = 0.0
         self._last: tuple[str, Position] | None = None
         self.unscored = 0
-
-    @property
-    def travelled_m(self) -> float:
-        """Metres from the first scored answer's true position to the last one's."""
-        return self._travelled
 
     def building_of(self, frame_id: str) -> str | None:
         """The building that a ground truth in this frame is in; None where that can't be told."""

@@ -9,8 +9,10 @@ from contextlib import contextmanager
 from typing import Any
 
 import matplotlib
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from semloc_core.report.colours import INK
@@ -61,6 +63,18 @@ def bare(axes: Axes) -> None:
     axes.patch.set_alpha(0.0)
     axes.grid(True, color=INK, alpha=0.12, linewidth=0.6)
     axes.set_axisbelow(True)
+
+
+def legend_below(drawn: Figure, axes: Axes, gap: float) -> None:
+    """A legend of what has a label, three in a row under the picture, ``gap`` between a mark and its words; or none."""
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        drawn.legend(handles, labels, loc="outside lower center", ncols=3, handletextpad=gap, columnspacing=1.0)
+
+
+def points(values: ArrayLike) -> NDArray[np.float64]:
+    """(n, 2), also of none."""
+    return np.asarray(values, dtype=np.float64).reshape(-1, 2)
 
 
 def shown(name: str) -> str:

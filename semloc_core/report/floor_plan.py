@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from semloc_core.graph import SceneGraph
 from semloc_core.report.colours import INK, OTHER, OTHER_STYLE, RIGHT, SCALE, WRONG, ClassLooks
-from semloc_core.report.drawing import WIDTH, bare, figure, shown
+from semloc_core.report.drawing import WIDTH, bare, figure, legend_below, points, shown
 from semloc_core.text import short_repr
 
 Floats = NDArray[np.float64]
@@ -51,9 +51,9 @@ class Plan:
             objects.setdefault(item.class_, []).append(item.position[:2])
         return cls(
             name,
-            _points([at[p][:2] for p in sorted(at)]),
+            points([at[p][:2] for p in sorted(at)]),
             np.array(edges, dtype=np.float64).reshape(-1, 2, 2),
-            {c: _points(objects[c]) for c in sorted(objects, key=lambda c: (-len(objects[c]), c))},
+            {c: points(objects[c]) for c in sorted(objects, key=lambda c: (-len(objects[c]), c))},
         )
 
     def limits(self) -> tuple[Floats, Floats]:
@@ -125,9 +125,7 @@ def building_figure(plan: Plan, classes: ClassLooks) -> Figure:
             x, y = np.concatenate(left).T
             label = f"{OTHER} ({len(x)})"
             axes.scatter(x, y, s=14, zorder=2, color=OTHER_STYLE.colour, gid="class-other", label=label)
-        handles, labels = axes.get_legend_handles_labels()
-        if handles:
-            drawn.legend(handles, labels, loc="outside lower center", ncols=3, handletextpad=0.2, columnspacing=1.0)
+        legend_below(drawn, axes, 0.2)
     return drawn
 
 
@@ -146,14 +144,14 @@ def path_figure(
         probability: (n,) of the unjudged ones; colours them.
 
     """
-    path, unjudged = _points(path), _points(unjudged)
+    path, unjudged = points(path), points(unjudged)
     with figure(plan.height(legend_height(6), beside=0.9 if len(unjudged) else 0.0)) as drawn:
         axes = drawn.add_subplot()
         draw_building(axes, plan, objects=True)
         if len(path):
             _draw_path(axes, path, np.asarray(path_right, dtype=np.bool_))
-        _judged(axes, _points(right), RIGHT, "o", "put here rightly", "right")
-        _judged(axes, _points(wrong), WRONG, "X", "put here wrongly", "wrong")
+        _judged(axes, points(right), RIGHT, "o", "put here rightly", "right")
+        _judged(axes, points(wrong), WRONG, "X", "put here wrongly", "wrong")
         if len(unjudged):
             x, y = unjudged.T
             marks = axes.scatter(
@@ -161,9 +159,7 @@ def path_figure(
                 edgecolors=INK, linewidths=0.4, label=f"put here ({len(unjudged)})", gid="unjudged",
             )  # fmt: skip
             drawn.colorbar(marks, ax=axes, label="probability", shrink=0.7)
-        handles, labels = axes.get_legend_handles_labels()
-        if handles:
-            drawn.legend(handles, labels, loc="outside lower center", ncols=3, handletextpad=0.4, columnspacing=1.0)
+        legend_below(drawn, axes, 0.4)
     return drawn
 
 
@@ -178,14 +174,14 @@ def _draw_path(axes: Axes, path: Floats, right: NDArray[np.bool_]) -> None:
         axes.plot(*at, marker, ls="", color="white", mec=INK, mew=1.6, ms=8, label=name, zorder=5, gid=name)
 
 
-def _judged(axes: Axes, points: Floats, colour: str, marker: str, label: str, gid: str) -> None:
-    if not len(points):
+def _judged(axes: Axes, at: Floats, colour: str, marker: str, label: str, gid: str) -> None:
+    if not len(at):
         return
-    places, counts = np.unique(points, axis=0, return_counts=True)
+    places, counts = np.unique(at, axis=0, return_counts=True)
     x, y = places.T
     axes.scatter(
         x, y, s=22.0 + 110.0 * counts / counts.max(), color=colour, marker=marker, edgecolors=INK, linewidths=0.5,
-        zorder=4, alpha=0.85, label=f"{label} ({len(points)})", gid=gid,
+        zorder=4, alpha=0.85, label=f"{label} ({len(at)})", gid=gid,
     )  # fmt: skip
 
 
@@ -199,7 +195,7 @@ def confusion_figure(plan: Plan, places: ArrayLike, counts: Sequence[int], numbe
         numbers: (n,) what to write on each.
 
     """
-    places = _points(places)
+    places = points(places)
     with figure(plan.height(0.15)) as drawn:
         axes = drawn.add_subplot()
         draw_building(axes, plan, objects=True)
@@ -246,7 +242,3 @@ def similarity_figure(
         if handles:
             drawn.legend(handles=handles, loc="outside lower center", ncols=2)
     return drawn
-
-
-def _points(values: ArrayLike) -> Floats:
-    return np.asarray(values, dtype=np.float64).reshape(-1, 2)

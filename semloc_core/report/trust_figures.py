@@ -7,13 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from semloc_core.report.colours import INK, OTHER, OTHER_STYLE, WRONG, ClassLooks, styles
-from semloc_core.report.drawing import bare, figure, shown
+from semloc_core.report.drawing import bare, figure, points, shown
 from semloc_core.report.floor_plan import Plan, draw_building
 
-Floats = NDArray[np.float64]
 MARGIN_M = 4.0
 """Shown around the objects of a failure."""
 
@@ -119,22 +118,18 @@ def _laid(axes: Axes, plan: Plan, seen: Mapping[str, ArrayLike], looks: ClassLoo
         axes.scatter(
             x, y, s=110, marker=style.marker, facecolors="none", edgecolors=style.colour, linewidths=1.4, zorder=3
         )
-        x, y = _points(seen[name]).T
+        x, y = points(seen[name]).T
         axes.scatter(
             x, y, s=34, marker=style.marker, color=style.colour, edgecolors=INK, linewidths=0.5,
             zorder=4, label=shown(name),
         )  # fmt: skip
     if looks.rest:
-        others = np.concatenate([_points(seen[name]) for name in looks.rest])
+        others = np.concatenate([points(seen[name]) for name in looks.rest])
         x, y = others.T
         axes.scatter(x, y, s=16, color=OTHER_STYLE.colour, zorder=3, label=OTHER)
-    every = np.concatenate([_points(points) for points in seen.values()])
+    every = np.concatenate([points(each) for each in seen.values()])
     low, high = every.min(axis=0) - MARGIN_M, every.max(axis=0) + MARGIN_M
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.scatter([], [], s=110, facecolors="none", edgecolors=INK, label="on the map (rings)")
     axes.scatter([], [], s=34, color=INK, label="seen (filled)")
-
-
-def _points(values: ArrayLike) -> Floats:
-    return np.asarray(values, dtype=np.float64).reshape(-1, 2)

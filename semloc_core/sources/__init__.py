@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     from semloc_core.sources.detections.nav2 import read_nav2, read_objects
     from semloc_core.sources.detections.simulate import DetectorConfig, Glance, simulate_detections, write_detections
     from semloc_core.sources.detections.stream import DetectionStream, StreamConfig, transform_of
-    from semloc_core.sources.graph import read_graph
+    from semloc_core.sources.graph import read_building, read_graph
     from semloc_core.sources.hydra.read import AgentPose, HydraFile, read_hydra
     from semloc_core.sources.hydra.stream import DsgStream, odometry, query_place
     from semloc_core.sources.hydra.write import node_id, write_hydra
     from semloc_core.sources.run import Run, decode_truth, graph_at_end, is_run, read_run, write_run, write_updates
     from semloc_core.sources.simulate.drift import Frame
     from semloc_core.sources.simulate.traversal import SimulationConfig, Step, simulate_traversal
-    from semloc_core.sources.simulate.walks import Bools, Walk, WalkConfig, walk
+    from semloc_core.sources.simulate.walks import Bools, Walk, WalkConfig, walk, walks_through
     from semloc_core.sources.truth import TOLERANCE_S, TruthMatcher
     from semloc_core.sources.world.furnishings import KINDS
     from semloc_core.sources.world.kinds import BuildingKind, draw_pair
@@ -46,8 +46,8 @@ __all__ = [
     "GraphBuilder", "Grid", "HydraFile", "KINDS", "LateError", "NoPathError", "OfficeConfig", "POSE_WITH_COVARIANCE",
     "Rigid", "Run", "SCENE_GRAPH_TOPIC", "STRING", "SimulationConfig", "Step", "StreamConfig", "TOLERANCE_S", "Truth",
     "TruthMatcher", "View", "Walk", "WalkConfig", "decode_string", "decode_truth", "draw_pair", "draw_stacked",
-    "encode_pose_with_covariance", "encode_string", "graph_at_end", "graph_of_grid", "is_run", "make_office", "node_id",
-    "odometry", "query_place", "read_graph", "read_hydra", "read_messages", "read_nav2", "read_objects", "read_run",
-    "simulate_detections", "simulate_traversal", "transform_of", "walk", "write_detections",
-    "write_hydra", "write_run", "write_updates", "write_world",
+    "encode_pose_with_covariance", "encode_string", "graph_at_end", "graph_of_grid", "is_run", "make_office",
+    "node_id", "odometry", "query_place", "read_building", "read_graph", "read_hydra", "read_messages", "read_nav2",
+    "read_objects", "read_run", "simulate_detections", "simulate_traversal", "transform_of", "walk", "walks_through",
+    "write_detections", "write_hydra", "write_run", "write_updates", "write_world",
 ]  # fmt: skip

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
-from semloc_core.graph import Reading, SceneGraph
-from semloc_core.sources.hydra import read_hydra
+from semloc_core.graph import Reading, SceneGraph, labelspace_from_hydra
+from semloc_core.sources.hydra import HydraFile, read_hydra
 from semloc_core.sources.run import graph_at_end, is_run
 
 
-def read_graph(path: str | Path, reading: Reading | None = None) -> SceneGraph:
-    """Read a Hydra file, or a recorded run to its end.
+def read_building(path: str | Path, reading: Reading | None = None) -> HydraFile:
+    """Read a Hydra file, or a recorded run to its end: the graph, and what came with it.
 
     Args:
         path: the file, or a rosbag2 folder.
@@ -22,7 +23,25 @@ def read_graph(path: str | Path, reading: Reading | None = None) -> SceneGraph:
 
     """
     path = Path(path)
-    if not is_run(path):
-        return read_hydra(path, reading).graph
-    graph = graph_at_end(path, reading=reading)
-    return graph if reading is None else reading.labels().graph(graph)
+    return next(read for is_one, read in READERS if is_one(path))(path, reading)
+
+
+def read_graph(path: str | Path, reading: Reading | None = None) -> SceneGraph:
+    """The graph alone; arguments and errors are those of `read_building`."""
+    return read_building(path, reading).graph
+
+
+def _read_run(path: Path, reading: Reading | None) -> HydraFile:
+    graph, told = graph_at_end(path, reading=reading), list[str]()
+    if reading is not None:
+        labels = reading.labels()
+        graph, told = labels.graph(graph), labels.told()
+    classes = sorted({thing.class_ for thing in graph.objects.values()})
+    return HydraFile(graph, labelspace_from_hydra(path.name, enumerate(classes), ()), decided=tuple(told))
+
+
+READERS: tuple[tuple[Callable[[Path], bool], Callable[[Path, Reading | None], HydraFile]], ...] = (
+    (is_run, _read_run),
+    (lambda path: True, read_hydra),
+)
+"""How each kind of file is told and read: the first that says yes reads it."""

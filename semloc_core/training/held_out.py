@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.encoding import Model, embed_graph, embed_places, similarity_matrix
-from semloc_core.errors import GraphError
 from semloc_core.graph import Floats, GraphArrays, Ints
 from semloc_core.metrics import Row
-from semloc_core.sources import WalkConfig, walk
+from semloc_core.sources import WalkConfig, walks_through
 from semloc_core.training.config import PERTURBATIONS
 from semloc_core.training.split import PARTS, Split
 from semloc_core.training.views.perturb import perturb
@@ -77,11 +76,7 @@ _STREAM = 9
 
 def _fragments(building: int, seen: GraphArrays, test: NDArray[np.bool_], rng: np.random.Generator) -> list[Asked]:
     found: list[Asked] = []
-    for _ in range(WALKS):
-        try:
-            way = walk(seen, WalkConfig(distance_m=WALK_M), rng)
-        except GraphError:  # no two places are joined
-            return []
+    for way in walks_through(seen, WalkConfig(distance_m=WALK_M), rng, WALKS):
         steps = np.flatnonzero(test[way.places])
         for step in rng.permutation(steps)[:STOPS].tolist():
             part, place = way.part(step)

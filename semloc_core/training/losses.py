@@ -2,7 +2,8 @@ r"""The paper's three losses, multi-positive (section IV-B2, Table II).
 
 All take z_query (B, D) and z_map (M, D), float32 rows of unit length; ``positive`` (B, M) bool, which map places are
 the query's place (within 4 m of the truth); ``ignore`` (B, M) bool or None, pairs that are neither. They return a
-scalar, the mean over the queries that can be judged, and a zero with a gradient of zero where none can.
+scalar, the mean over the queries that can be judged, and a zero with a gradient of zero where none can. Below, an
+``Args`` names only what a loss takes besides.
 """
 
 from __future__ import annotations
@@ -27,14 +28,7 @@ def contrastive(
     The two kinds are averaged apart and added: else the negatives, many times more, would drown the positives.
 
     Args:
-        z_query: (B, D) unit rows.
-        z_map: (M, D) unit rows.
-        positive: (B, M) bool.
-        ignore: (B, M) bool or None.
         margin: distance beyond which a negative pair costs nothing.
-
-    Returns:
-        Scalar.
 
     """
     negative = _negative(positive, ignore)
@@ -62,15 +56,8 @@ def triplet(
     without a positive or a negative is left out.
 
     Args:
-        z_query: (B, D) unit rows.
-        z_map: (M, D) unit rows.
-        positive: (B, M) bool.
-        ignore: (B, M) bool or None.
         margin: by how much the negative must be farther.
         mining: which positives.
-
-    Returns:
-        Scalar.
 
     """
     positive, negative = _positive(positive, ignore), _negative(positive, ignore)
@@ -87,68 +74,32 @@ def triplet(
 
 
 def infonce(
-    z_query: Tensor,
-    z_map: Tensor,
-    positive: Tensor,
-    ignore: Tensor | None = None,
-    *,
-    temperature: float = 0.7,
+    z_query: Tensor, z_map: Tensor, positive: Tensor, ignore: Tensor | None = None, *, temperature: float = 0.7
 ) -> Tensor:
     r"""InfoNCE (van den Oord, Li, Vinyals 2018, equation 4; paper: T = 0.7) with several positives.
 
     Each positive p is told from all map places m that are not ignored, and the positives of a query are averaged
     (Khosla et al. 2020, equation 2): −mean_p [s_p / T − log Σ_m exp(s_m / T)], s the scalar product. A query without
     a positive is left out.
-
-    Args:
-        z_query: (B, D) unit rows.
-        z_map: (M, D) unit rows.
-        positive: (B, M) bool.
-        ignore: (B, M) bool or None.
-        temperature: T.
-
-    Returns:
-        Scalar.
-
     """
-    positive = _positive(positive, ignore)
-    if not positive.any():
-        return _nothing(z_query, z_map)
-    logits, chosen = _logits(z_query, z_map, positive, ignore, temperature)
-    mean_positive = logits.masked_fill(~chosen, 0.0).sum(1) / chosen.sum(1)
-    return (logits.logsumexp(1) - mean_positive).mean()
+    return _told_apart(
+        z_query, z_map, positive, ignore, temperature,
+        lambda logits, chosen: logits.masked_fill(~chosen, 0.0).sum(1) / chosen.sum(1),
+    )  # fmt: skip
 
 
 def mil_nce(
-    z_query: Tensor,
-    z_map: Tensor,
-    positive: Tensor,
-    ignore: Tensor | None = None,
-    *,
-    temperature: float = 0.07,
+    z_query: Tensor, z_map: Tensor, positive: Tensor, ignore: Tensor | None = None, *, temperature: float = 0.07
 ) -> Tensor:
     r"""MIL-NCE (Miech et al., CVPR 2020, equation 1): InfoNCE content with any of the positives.
 
     −log [Σ_p exp(s_p / T) / Σ_m exp(s_m / T)]: one answer that is right is enough, places within the matching radius
     need not look alike. A query without a positive is left out.
-
-    Args:
-        z_query: (B, D) unit rows.
-        z_map: (M, D) unit rows.
-        positive: (B, M) bool.
-        ignore: (B, M) bool or None.
-        temperature: T.
-
-    Returns:
-        Scalar.
-
     """
-    positive = _positive(positive, ignore)
-    if not positive.any():
-        return _nothing(z_query, z_map)
-    logits, chosen = _logits(z_query, z_map, positive, ignore, temperature)
-    right = logits.masked_fill(~chosen, -torch.inf)
-    return (logits.logsumexp(1) - right.logsumexp(1)).mean()
+    return _told_apart(
+        z_query, z_map, positive, ignore, temperature,
+        lambda logits, chosen: logits.masked_fill(~chosen, -torch.inf).logsumexp(1),
+    )  # fmt: skip
 
 
 def ignore_radius(config: TrainConfig) -> float:
@@ -176,15 +127,19 @@ def _positive(positive: Tensor, ignore: Tensor | None) -> Tensor:
     return positive if ignore is None else positive & ~ignore
 
 
-def _logits(
-    z_query: Tensor, z_map: Tensor, positive: Tensor, ignore: Tensor | None, temperature: float
-) -> tuple[Tensor, Tensor]:
-    """Similarities over temperature of the queries that have a positive, -inf where ignored, and their positives."""
+def _told_apart(
+    z_query: Tensor, z_map: Tensor, positive: Tensor, ignore: Tensor | None, temperature: float,
+    of_positives: Callable[[Tensor, Tensor], Tensor],
+) -> Tensor:  # fmt: skip
+    """Log Σ_m exp(s_m / T) over what is not ignored, less what (logits, positives) say of the positives: the mean."""
+    positive = _positive(positive, ignore)
     judged = positive.any(1)
+    if not judged.any():
+        return _nothing(z_query, z_map)
     logits = (z_query @ z_map.T)[judged] / temperature
     if ignore is not None:
         logits = logits.masked_fill(ignore[judged], -torch.inf)
-    return logits, positive[judged]
+    return (logits.logsumexp(1) - of_positives(logits, positive[judged])).mean()
 
 
 def _negative(positive: Tensor, ignore: Tensor | None) -> Tensor:

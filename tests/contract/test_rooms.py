@@ -91,3 +91,19 @@ def test_the_page_lists_the_rooms_and_the_files_at_the_root_as_they_are():
     listed = re.findall(r"^\| `([a-z_]+(?:/|\.py))` \|", page, flags=re.MULTILINE)
     at_the_root = [path.name for path in PACKAGE.glob("*.py") if not path.name.startswith("__")]
     assert sorted(listed) == sorted([*(f"{room}/" for room in ROOMS), *at_the_root])
+
+
+def test_the_page_says_where_to_add_by_files_that_are_there_and_counts_them():
+    page = (PACKAGE.parent / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (an? [^|]+) \| (\d+) \| (.+) \|$", page, flags=re.MULTILINE)
+    assert [what for what, *_ in rows] == ["an encoder", "an explainer", "a source of graphs", "a message", "a command"]
+    for what, number, words in rows:
+        besides = re.findall(r"`((?:tests|msgs_schema)/[\w/.]*)`", words)
+        inside = [path for path in re.findall(r"`(\w+(?:/\w+)*(?:/|\.py))`", words) if path not in besides]
+        inside = [path for path in inside if path != "commands.py"]  # of whichever group
+        assert len(inside) == int(number), (what, inside)
+        assert besides, what
+        for path in inside:
+            assert (PACKAGE / path).exists(), (what, path)
+        for path in besides:
+            assert (PACKAGE.parent / path).exists(), (what, path)

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 import torch
-from query_cases import any_encoder, encoder_query, paper_encoder, toy_query
+from query_cases import any_encoder, encoder_query, node_shapley, paper_encoder, toy_query
 
 from semloc_core.errors import ConfigError
 from semloc_core.explain.explainers.by_name import EXPLAINERS, explain
 from semloc_core.explain.explainers.random_baseline import inverted, random_scores
-from semloc_core.explain.explainers.shapley import node_shapley
 from semloc_core.explain.fidelity import (
     BUDGETS,
     budget_count,

@@ -6,12 +6,12 @@ import math
 import numpy as np
 import pytest
 import torch
-from query_cases import any_encoder, encoder_query, paper_encoder, toy_query
+from query_cases import any_encoder, encoder_query, node_shapley, paper_encoder, toy_query
 
 from semloc_core.errors import ConfigError
 from semloc_core.explain import class_scores
 from semloc_core.explain.explainers.coalitions import all_coalitions, exact_values, sampled_values
-from semloc_core.explain.explainers.shapley import class_shapley, class_values, node_shapley, shapley_sampling
+from semloc_core.explain.explainers.shapley import class_shapley, class_values, shapley_sampling
 
 CLASSES = [0, 1, 1, 2, 3, 0, 2]
 OTHER = [0, 1, 2, 2, 3]

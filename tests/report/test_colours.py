@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from semloc_core.report.replay.time_figures import shares_figure
 from small_building import building_update
 
 from semloc_core.graph.labels.files import shipped_labelspaces
@@ -10,7 +11,6 @@ from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.report.colours import OTHER_STYLE, OWN, ClassLooks, class_style
 from semloc_core.report.floor_plan import Plan, building_figure
 from semloc_core.report.introspection.figures import importance_figure, shift_figure
-from semloc_core.report.replay.time_figures import shares_figure
 
 SPACE = ("chair", "couch", "plant", "painting")
 

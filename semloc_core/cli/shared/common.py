@@ -79,18 +79,11 @@ def building_name(path: Path) -> str:
 
 def read_graph(path: Path, reading: Reading) -> HydraFile:
     """Read a GRAPH, or a RUN to its end, and say what had to be decided of its classes."""
-    from semloc_core.graph import labelspace_from_hydra
-    from semloc_core.sources import HydraFile, graph_at_end, is_run, read_hydra
+    from semloc_core.sources import read_building
 
     if not path.exists():
         raise FileFormatError(f"expected a scene-graph file (got {path}, which does not exist)")
-    if is_run(path):
-        labels = reading.labels()
-        graph = labels.graph(graph_at_end(path, reading=reading))
-        tell(path, labels.told())
-        classes = sorted({thing.class_ for thing in graph.objects.values()})
-        return HydraFile(graph, labelspace_from_hydra(path.name, enumerate(classes), ()))
-    file = read_hydra(path, reading)
+    file = read_building(path, reading)
     tell(path, file.decided)
     return file
 

@@ -180,11 +180,7 @@ def success_rows(
     rows: list[Row] = []
     for column, metres in enumerate(scopes_m):
         row: Row = {**keys, "scope": f"{metres:g}m", "queries": len(right), "chance": float(chance[:, column].mean())}
-        for n in metrics.RANKS:
-            success: Bools = right[:, column, :n].max(axis=1)
-            low, high = metrics.bootstrap_interval(success, rng, groups=groups)
-            row |= {f"success@{n}": float(success.mean()), f"success@{n}_low": low, f"success@{n}_high": high}
-        rows.append(row)
+        rows.append(row | metrics.success_figures(right[:, column], rng, groups))
     return rows
 
 

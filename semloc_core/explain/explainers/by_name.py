@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
@@ -57,9 +57,9 @@ def explain(query: SimilarityQuery, method: str, rng: np.random.Generator) -> Ob
     return (EXPLAINERS | CONTROLS)[method](query, rng)
 
 
-def check_methods(methods: Sequence[str]) -> None:
-    """Raise ConfigError where a name is not an explainer's."""
-    known = EXPLAINERS | CONTROLS
+def check_methods(methods: Sequence[str], known: Collection[str] | None = None) -> None:
+    """Raise ConfigError where a name is not among those known; None: the explainers' and the controls'."""
+    known = EXPLAINERS | CONTROLS if known is None else known
     for method in methods:
         if method not in known:
             raise ConfigError(f"expected explainers among {', '.join(known)} (got {method!r})")

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.errors import ConfigError
+from semloc_core.graph import Floats
 from semloc_core.text import short_repr
 
-Floats = NDArray[np.float64]
 Game = Callable[[NDArray[np.bool_]], Floats]
 """(K, players) bool, who is in each coalition -> (K,) float64, its value. Asked with many coalitions at once."""
 

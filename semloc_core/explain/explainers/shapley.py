@@ -34,17 +34,8 @@ def shapley_sampling(
         ConfigError: fewer than two permutations.
 
     """
-    return _wrap(query, "shapley_sampling", sampled_values(query.of_objects, query.n_objects, permutations, rng))
-
-
-def node_shapley(query: SimilarityQuery) -> ObjectScores:
-    """Exact Shapley values of objects, from all 2^O coalitions: for small graphs, and to test sampling against.
-
-    Raises:
-        ConfigError: more objects than `semloc_core.explain.explainers.coalitions.MAX_EXACT_PLAYERS`.
-
-    """
-    return _wrap(query, "node_shapley", exact_values(query.of_objects, query.n_objects))
+    found = sampled_values(query.of_objects, query.n_objects, permutations, rng)
+    return query.scores("shapley_sampling", found.values, found.standard_error, found.gap)
 
 
 def class_values(
@@ -83,7 +74,3 @@ def class_shapley(
     share = 1.0 / np.bincount(players, minlength=len(names))[players]
     error = found.standard_error[players] * share if found.standard_error is not None else None
     return query.scores("class_shapley", found.values[players] * share, error, found.gap)
-
-
-def _wrap(query: SimilarityQuery, method: str, found: ShapleyValues) -> ObjectScores:
-    return query.scores(method, found.values, found.standard_error, found.gap)

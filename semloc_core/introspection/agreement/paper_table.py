@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.introspection.agreement.ranks import concordance, spearman
+from semloc_core.introspection.agreement.ranks import concordance, named, spearman
 from semloc_core.metrics import Row
 
 COUNTS = {"CH": 28, "CO": 11, "CP": 35, "PL": 13, "PA": 8, "TC": 15}
@@ -49,9 +49,9 @@ def paper_rows() -> list[Row]:
         agreed = concordance(of)
         row: Row = {"method": method, "scope": "all runs", "runs": len(of), "kendall_w": agreed.w}
         row |= {"by_chance": agreed.by_chance, "p": agreed.p}
-        row |= _named("frequency", spearman(of.mean(0), count))
+        row |= named("frequency", spearman(of.mean(0), count))
         if method != "ablation":
-            row |= _named("ablation", spearman(of.mean(0), ablation))
+            row |= named("ablation", spearman(of.mean(0), ablation))
         rows.append(row)
     for run in range(3):
         agreed = concordance([of[run] for method, of in scores.items() if method != "ablation"])
@@ -64,10 +64,6 @@ def _scores(text: str) -> NDArray[np.float64]:
     """(6,) in the order of `COUNTS`: 6 for the first of a ranking, 1 for the last."""
     order: Sequence[str] = text.split()
     return np.array([len(order) - order.index(name) for name in COUNTS], dtype=np.float64)
-
-
-def _named(name: str, of: tuple[float, float, float]) -> Row:
-    return {name: of[0], f"{name}_low": of[1], f"{name}_high": of[2]}
 
 
 def main() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semloc_core.errors import ConfigError
+from semloc_core.metrics import Row
 
 DRAWS = 2000
 """Of the permutation test."""
@@ -104,3 +105,8 @@ def spearman(x: ArrayLike, y: ArrayLike) -> tuple[float, float, float]:
     middle = math.atanh(min(max(rho, -most), most))
     half = 1.959964 * math.sqrt(1.06 / (len(a) - 3))
     return rho, min(rho, math.tanh(middle - half)), max(rho, math.tanh(middle + half))
+
+
+def named(name: str, of: tuple[float, float, float]) -> Row:
+    """A figure, its lower and its upper bound, as a row has them."""
+    return {name: of[0], f"{name}_low": of[1], f"{name}_high": of[2]}

@@ -9,15 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from semloc_core.introspection.agreement.ranks import concordance, spearman
+from semloc_core.graph import Floats
+from semloc_core.introspection.agreement.ranks import concordance, named, spearman
 from semloc_core.introspection.class_lift import lift, of_class
 from semloc_core.introspection.run import ABLATION, Run
 from semloc_core.metrics import Row
 
 ALL_EXPLAINERS = "all explainers"
-Floats = NDArray[np.float64]
 
 
 def agreement_rows(runs: Sequence[Run], methods: Sequence[str]) -> list[Row]:
@@ -32,7 +31,7 @@ def agreement_rows(runs: Sequence[Run], methods: Sequence[str]) -> list[Row]:
     for method in (ABLATION, *methods):
         row: Row = {"method": method, "scope": "all runs", **_concordance([run.scores(method) for run in runs])}
         if method != ABLATION:
-            row |= _named("ablation", spearman(mean_scores(runs, method), by_ablation))
+            row |= named("ablation", spearman(mean_scores(runs, method), by_ablation))
         rows.append(row)
     for number, run in enumerate(runs, start=1):
         said = _concordance([run.scores(method) for method in methods])
@@ -56,9 +55,9 @@ def frequency_rows(runs: Sequence[Run], methods: Sequence[str]) -> list[Row]:
     for method in (ABLATION, *methods):
         per_object = mean_scores(runs, ABLATION) if method == ABLATION else _mean_lifts(runs, method)
         row: Row = {"method": method, "scope": f"{len(frequency)} classes"}
-        row |= _named("frequency", spearman(per_object, frequency))
-        row |= _named("idf", spearman(per_object, idf))
-        row |= _named("score_frequency", spearman(mean_scores(runs, method), frequency))
+        row |= named("frequency", spearman(per_object, frequency))
+        row |= named("idf", spearman(per_object, idf))
+        row |= named("score_frequency", spearman(mean_scores(runs, method), frequency))
         rows.append(row)
     return rows
 
@@ -110,7 +109,3 @@ def _concordance(scores: Sequence[Mapping[str, float]]) -> Row:
         return {}
     found = concordance(table)
     return {"kendall_w": found.w, "by_chance": found.by_chance, "p": found.p}
-
-
-def _named(name: str, of: tuple[float, float, float]) -> Row:
-    return {name: of[0], f"{name}_low": of[1], f"{name}_high": of[2]}

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from semloc_core.graph import Floats
 from semloc_core.report.colours import INK, SCALE, ClassLooks, styles
 from semloc_core.report.drawing import WIDTH, bare, figure, shown
 from semloc_core.text import short_repr
 
-Floats = NDArray[np.float64]
 CONTROL_LINES: tuple[tuple[int, tuple[float, ...]], ...] = ((0, (1, 1.5)), (0, (4, 2.5)), (0, (6, 2, 1, 2)))
 
 

@@ -5,6 +5,7 @@ What a simulated run (`semloc_core.sources.simulate`) streams as messages, here 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -210,6 +211,16 @@ def walk(graph: GraphArrays, config: WalkConfig, rng: np.random.Generator) -> Wa
         graph.place_positions[places],
     )
     return Walk(perceived, graph.place_positions, places, metres, seen_places, seen_objects, written)
+
+
+def walks_through(graph: GraphArrays, config: WalkConfig, rng: np.random.Generator, number: int) -> Iterator[Walk]:
+    """So many walks, one after the other; none through a building where no place has a neighbour to walk to."""
+    for _ in range(number):
+        try:
+            way = walk(graph, config, rng)
+        except GraphError:
+            return
+        yield way
 
 
 def _way(

@@ -68,7 +68,7 @@ OFFICE_FURNITURE = (
 class OfficeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What to build; by default an office as hard as the paper's, for bag of words.
 
-    How hard that is, `semloc_core.evaluate.paper.difficulty` measures.
+    How hard that is, ``tests/evaluate/paper/test_difficulty.py`` measures.
 
     ``rooms`` and ``furniture``: what there is; ``wings``: number of corridors; ``depth_m``, ``corridor_m``: depth of
     rooms and width of corridors; ``passages``, ``passage_m``: share of neighbouring rooms that an opening joins, and

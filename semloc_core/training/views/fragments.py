@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from semloc_core.encoding import Batch, Extraction, reach_all_batch, union
-from semloc_core.errors import ConfigError, GraphError
+from semloc_core.errors import ConfigError
 from semloc_core.graph import Floats, GraphArrays
-from semloc_core.sources import WalkConfig, walk
+from semloc_core.sources import WalkConfig, walks_through
 from semloc_core.text import short_repr
 
 SHORTEST_M = 1.0
@@ -69,11 +69,7 @@ def draw_fragments(
     parts: list[Batch] = []
     positions: list[Floats] = []
     config = WalkConfig(distance_m=max(longest_m, SHORTEST_M), range_m=range_m)
-    for _ in range(walks):
-        try:
-            way = walk(graph, config, rng)
-        except GraphError:  # no two places are joined
-            return None
+    for way in walks_through(graph, config, rng, walks):
         far = np.exp(rng.uniform(math.log(SHORTEST_M), math.log(config.distance_m), max(stops - 1, 0)))
         steps = np.unique(np.searchsorted(way.metres, np.concatenate([[0.0], far])).clip(max=way.steps - 1))
         for step in steps.tolist():

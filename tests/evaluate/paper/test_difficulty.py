@@ -1,19 +1,25 @@
-"""The generated office is as hard for bag of words as the paper's."""
+"""The generated office is as hard for bag of words as the paper's.
 
-import pytest
+The paper's office is not at hand. The generator's default layout (how furniture is grouped, how large and how open the
+rooms are) was chosen as one on which bag of words scores about what it scores in the paper; nothing else is fitted.
+"""
 
-from semloc_core.evaluate.paper.difficulty import PAPER, evaluate_difficulty
+import numpy as np
+
+from semloc_core.evaluate.paper.office import judge_baseline
+from semloc_core.graph.arrays import GraphArrays
+from semloc_core.sources.world.office import OfficeConfig, make_office
+
+PAPER = {"pr_auc": 0.243, "f1": 0.360}
+"""Bag of words in the paper's Table II."""
 
 
 def test_bag_of_words_scores_on_generated_offices_what_it_scores_in_the_paper() -> None:
     """One office differs from the next by 0.04 (deviation), so the mean of six is held to 0.04."""
-    calls: list[tuple[int, int]] = []
-    rows = evaluate_difficulty(
-        world_seeds=range(6), split_seeds=(0,), progress=lambda done, total, words: calls.append((done, total))
-    )
-    assert [row["scope"] for row in rows] == [*(f"world {seed}" for seed in range(6)), "all", "paper, test"]
-    mean = rows[-2]
-    assert mean["pr_auc"] == pytest.approx(sum(float(row["pr_auc"] or 0) for row in rows[:6]) / 6)
-    for figure in ("pr_auc", "f1"):
-        assert abs(float(mean[figure] or 0) - float(PAPER[figure] or 0)) < 0.04, figure
-    assert calls[-1] == (6, 6)
+    judged = []
+    for seed in range(6):
+        world = make_office(OfficeConfig(), np.random.default_rng(seed))
+        arrays = GraphArrays.from_scene_graph(world.graph, world.labelspace, f"world {seed}")
+        judged += judge_baseline(arrays, world.labelspace, (0,))
+    for figure, of_paper in PAPER.items():
+        assert abs(np.mean([each["test"][figure] for each in judged]) - of_paper) < 0.04, figure
