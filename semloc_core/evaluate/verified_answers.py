@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from time import process_time
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +71,7 @@ def reranked(
     only: Bools | None = None,
     chances: Floats | None = None,
     places: list[Placed | None] | None = None,
+    seconds: Floats | None = None,
 ) -> Ints:
     """(Q, N) answers, the verified ones first, then the most similar; N is what `metrics.RANKS` asks for.
 
@@ -80,6 +82,7 @@ def reranked(
         only: (M,) the places that the robot can be at; None for all.
         chances: (Q,) where to put the probability of the best answer.
         places: where to put where the robot's frame lies by the best answer.
+        seconds: (Q,) where to add the process's own time for each.
 
     """
     if only is not None:
@@ -88,6 +91,7 @@ def reranked(
     best = metrics.top(similarity, 2 * n)
     answers = best[:, :n].copy()
     for q, fragment in enumerate(fragments):
+        begun = process_time()
         found = verifier.verify(fragment, similarity[q], only)
         if chances is not None:
             chances[q] = 0.0
@@ -106,6 +110,8 @@ def reranked(
                 placing = placed(verifier.mapped, fragment, found, chosen.tolist()).get(best_row)
         if places is not None:
             places.append(placing)
+        if seconds is not None:
+            seconds[q] += process_time() - begun
     return answers
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from time import process_time
 
 import numpy as np
 
@@ -24,6 +25,9 @@ from semloc_core.matching import LayoutVerifier, Placed
 from semloc_core.metrics import PoseErrors, Row, accepted_share, expected_calibration_error
 from semloc_core.tracking import FilterConfig, MapModel, PlaceFilter
 
+PEER = "clipper"
+"""What the names of peers begin with."""
+
 
 def judge_online_layout(
     method: str,
@@ -37,6 +41,7 @@ def judge_online_layout(
     *,
     places: MapModel | None = None,
     foreign: bool = False,
+    verdicts: dict[str, Bools] | None = None,
 ) -> list[Row]:
     """Rows of one encoder whose answers are verified, under the name ``METHOD + layout``.
 
@@ -56,6 +61,8 @@ def judge_online_layout(
         verifier: of the arena's maps.
         places: for rows with the filter too.
         foreign: ask also with the robot's building left out of the database.
+        verdicts: where to put, by method, whether the best answer is right, (W, K). With it rows also hold ``cpu_ms``,
+            the process's own time an answer, its median (of a walk's embeddings an equal share).
 
     """
     database = np.concatenate([embed_graph(model, graph) for graph in arena.maps])
@@ -64,7 +71,7 @@ def judge_online_layout(
     if places is not None:
         right["bayes", "any"] = np.zeros(shape, np.bool_)
     chance = {home: np.zeros(shape[:2]) for home in ("any", "known")}
-    sure, abroad = np.zeros(shape[:2]), np.full(shape[:2], -np.inf)
+    sure, abroad, seconds = np.zeros(shape[:2]), np.full(shape[:2], -np.inf), np.zeros(shape[:2])
     errors = [PoseErrors() for _ in scopes_m]
     for i, path in enumerate(paths):
         at = steps_at(path.walk, scopes_m)
@@ -72,13 +79,15 @@ def judge_online_layout(
         for home, by in chance.items():
             by[i] = by_chance(arena, path, at, radius_m, known=home == "known")
         steps = at if places is None else np.arange(path.walk.steps)
+        begun = process_time()
         similarity = similarity_matrix(embed_walk(model, path.walk.at(steps)), database)
+        seconds[i] = (process_time() - begun) / len(steps)
         fragments = fragments_along(path.walk, steps, verifier, np.random.default_rng([seed, i]))
         rows = np.searchsorted(steps, at)
         chosen = [fragments[row] for row in rows.tolist()]
         at_home = arena.building == path.building
         places_found: list[Placed | None] = []
-        best = reranked(verifier, chosen, similarity[rows], chances=sure[i], places=places_found)
+        best = reranked(verifier, chosen, similarity[rows], chances=sure[i], places=places_found, seconds=seconds[i])
         right["none", "any"][i] = verdict(arena, path, at, best, radius_m)
         frame = any_frame(np.random.default_rng([seed, i]))
         for k in np.flatnonzero(right["none", "any"][i][:, 0]).tolist():
@@ -99,13 +108,17 @@ def judge_online_layout(
             best = believed(PlaceFilter(places), path.walk, evidence, at)
             right["bayes", "any"][i] = verdict(arena, path, at, best, radius_m)
     name = f"{method} + layout"
+    if verdicts is not None:
+        verdicts[name] = right["none", "any"][:, :, 0]
     found: list[Row] = []
-    for (filter_, home), verdicts in right.items():
+    for (filter_, home), each in right.items():
         keys: Row = {"method": name, "filter": filter_, "home": home}
-        for k, row in enumerate(success_rows(keys, verdicts, chance[home], groups_of(paths), scopes_m, seed)):
+        for k, row in enumerate(success_rows(keys, each, chance[home], groups_of(paths), scopes_m, seed)):
             if (filter_, home) == ("none", "any"):
-                row["ece"] = expected_calibration_error(sure[:, k], verdicts[:, k, 0])
+                row["ece"] = expected_calibration_error(sure[:, k], each[:, k, 0])
                 row |= errors[k].figures()
+                if verdicts is not None:
+                    row["cpu_ms"] = 1e3 * float(np.median(seconds[:, k]))
             found.append(row)
     if foreign:
         for k, metres in enumerate(scopes_m):
@@ -113,6 +126,29 @@ def judge_online_layout(
             keys = {"method": name, "filter": "none", "home": "any", "scope": f"foreign {metres:g}m"}
             found.append({**keys, "queries": len(paths), **accepted})
     return found
+
+
+def paired_rows(verdicts: dict[str, Bools], groups: Ints | None, scopes_m: Sequence[float], seed: int) -> list[Row]:
+    """A row a scope for each method but the first ones' peers: by how much its success@1 is above each peer's.
+
+    Args:
+        verdicts: (W, K) by method, on the same walks; those whose names begin with ``clipper`` are the peers.
+        groups: (W,) that the bootstrap draws from, as of `success_rows`.
+        scopes_m: K distances.
+        seed: of the bootstrap.
+
+    """
+    peers = [name for name in verdicts if name.startswith(PEER)]
+    rows: list[Row] = []
+    for name in verdicts:
+        for peer in peers if name not in peers else ():
+            rng, more = np.random.default_rng(seed), verdicts[name].astype(np.float64) - verdicts[peer]
+            for k, metres in enumerate(scopes_m):
+                low, high = metrics.bootstrap_interval(more[:, k], rng, groups=groups)
+                keys: Row = {"method": f"{name} − {peer}", "filter": "none", "home": "any", "scope": f"{metres:g}m"}
+                figures: Row = {"gain": float(more[:, k].mean()), "gain_low": low, "gain_high": high}
+                rows.append({**keys, "queries": len(more), **figures})
+    return rows
 
 
 def success_rows(
