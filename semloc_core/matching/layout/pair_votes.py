@@ -137,7 +137,8 @@ class PairVotes:
         hits, seen, weight = self._hits(fragment)
         if only is not None:
             can = np.bincount(self._of_place[only], minlength=len(self._corner)) > 0
-            hits, seen, weight = (of[can[self._building[hits]]] for of in (hits, seen, weight))
+            there = can[self._building[hits]]
+            hits, seen, weight = hits[there], seen[there], weight[there]
         if self._tree is None or not len(hits):
             return none
         i, j, off = self._seen
