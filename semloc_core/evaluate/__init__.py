@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from semloc_core.evaluate.fit_confidence import draw_buildings
     from semloc_core.evaluate.merge import evaluate_merge
     from semloc_core.evaluate.merge_cases import Case, LifeConfig, home_cases, world_cases
+    from semloc_core.evaluate.online.another_day import AnotherDay
     from semloc_core.evaluate.online.layout_ablation import evaluate_layout
     from semloc_core.evaluate.online.protocol import evaluate_online
     from semloc_core.evaluate.paper.ablation import evaluate_ablation
@@ -30,7 +31,7 @@ else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "Aliasing", "Case", "LifeConfig", "MODELS", "SEEDS", "Study", "calibration_rows", "condition_rows",
+    "Aliasing", "AnotherDay", "Case", "LifeConfig", "MODELS", "SEEDS", "Study", "calibration_rows", "condition_rows",
     "draw_buildings", "evaluate_ablation", "evaluate_candidates", "evaluate_layout", "evaluate_merge",
     "evaluate_office", "evaluate_online", "evaluate_relocalise", "evaluate_shortlist", "failures", "home_cases",
     "map_aliasing", "office_variants", "reads_labels_only", "reliability_points", "status_rows", "study_trust",

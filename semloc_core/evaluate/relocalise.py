@@ -48,8 +48,8 @@ class Arena:
 
     Args:
         labelspace: the classes.
-        maps: one a building.
-        queries: one a building, in the same order.
+        maps: one a building; those after the last query are in the map and are not asked about.
+        queries: one of each of the first buildings, in the same order.
 
     """
 
@@ -191,16 +191,33 @@ def read_buildings(root: Path) -> list[Building]:
     ]
 
 
-def make_arena(buildings: Sequence[Building], labelspace: Labelspace) -> Arena:
+def read_distractors(folders: Sequence[Path]) -> list[HydraFile]:
+    """Read DIR/*.json and DIR/*/map.json of each folder, sorted by path: buildings that are only in the map.
+
+    Raises:
+        FileFormatError: a folder without any.
+
+    """
+    found: list[HydraFile] = []
+    for folder in folders:
+        paths = sorted([*folder.glob("*.json"), *folder.glob("*/map.json")])
+        if not paths:
+            raise FileFormatError(f"expected scene graphs, *.json or */map.json, in {folder} (got none)")
+        found += [read_hydra(path) for path in paths]
+    return found
+
+
+def make_arena(buildings: Sequence[Building], labelspace: Labelspace, distractors: Sequence[HydraFile] = ()) -> Arena:
     """Freeze all buildings in one labelspace; objects of classes that it lacks say nothing."""
     maps, queries = (
-        tuple(
-            GraphArrays.from_scene_graph(file.graph, labelspace, building.name)
-            for building, file in zip(buildings, files, strict=True)
-        )
-        for files in ([building.map for building in buildings], [building.query for building in buildings])
+        [GraphArrays.from_scene_graph(file.graph, labelspace, building.name) for building, file in files]
+        for files in ([(b, b.map) for b in buildings], [(b, b.query) for b in buildings])
     )
-    return Arena(labelspace, maps, queries)
+    maps += [
+        GraphArrays.from_scene_graph(file.graph, labelspace, f"distractor {number}")
+        for number, file in enumerate(distractors)
+    ]
+    return Arena(labelspace, tuple(maps), tuple(queries))
 
 
 def fitted(name: str, arena: Arena) -> Model:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from time import process_time
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,6 +99,7 @@ def reranked(
     chances: Floats | None = None,
     places: list[Placed | None] | None = None,
     past: Past | None = None,
+    seconds: Floats | None = None,
 ) -> Ints:
     """(Q, N) answers, the verified ones first, then the most similar; N is what `metrics.RANKS` asks for.
 
@@ -109,6 +111,7 @@ def reranked(
         chances: (Q,) where to put the probability of the best answer.
         places: where to put where the robot's frame lies by the best answer.
         past: weighs each answer by those before it; None: each by itself.
+        seconds: (Q,) where to add the process's own time for each.
 
     """
     if only is not None:
@@ -117,6 +120,7 @@ def reranked(
     best = metrics.top(similarity, 2 * n)
     answers = best[:, :n].copy()
     for q, fragment in enumerate(fragments):
+        begun = process_time()
         found = verifier.verify(fragment, similarity[q], only)
         if chances is not None:
             chances[q] = 0.0
@@ -137,6 +141,8 @@ def reranked(
                 placing = placed(verifier.mapped, fragment, found, chosen.tolist()).get(best_row)
         if places is not None:
             places.append(placing)
+        if seconds is not None:
+            seconds[q] += process_time() - begun
     return answers
 
 

@@ -44,6 +44,12 @@ def online_pivots(rows: Sequence[Row]) -> list[Pivot]:
     any_home = Pivot("success@1, every building searched")
     known = Pivot("success@1, building known")
     error = Pivot("calibration error, every building searched")
+    paired = {
+        "gain": Pivot("success@1 above the peer's, on the same walks"),
+        "gain_low": Pivot("lower end of its 95 % interval"),
+        "gain_high": Pivot("upper end of its 95 % interval"),
+        "cpu_ms": Pivot("CPU time an answer (ms), median"),
+    }
     posed = {
         "position_error_m": Pivot("position error (m) of right answers, median"),
         "position_error_m_p90": Pivot("position error (m) of right answers, 90 %"),
@@ -70,12 +76,12 @@ def online_pivots(rows: Sequence[Row]) -> list[Pivot]:
         metres = scope.removeprefix(FOREIGN).removesuffix("m") + " m"
         (any_home if row.get("home") == "any" else known).put(method, metres, row.get("success@1"))
         error.put(method, metres, row.get("ece"))
-        for name, pivot in posed.items():
+        for name, pivot in (*paired.items(), *posed.items()):
             pivot.put(method, metres, row.get(name))
         foreign.put(method, metres, row.get("foreign_accepted"))
         wrong.put(method, metres, row.get("wrong_accepted"))
         agreeing.put(method, metres, row.get("agreeing"))
-    found = (any_home, known, error, *posed.values(), foreign, wrong, agreeing, kidnapped)
+    found = (any_home, known, *paired.values(), error, *posed.values(), foreign, wrong, agreeing, kidnapped)
     for pivot in found[:-1]:  # a scope may have no figure of the first method
         pivot.columns.sort(key=lambda column: float(column.removesuffix(" m")))
     return [pivot for pivot in found if pivot.lines]

@@ -122,6 +122,22 @@ def online(
     peer: Annotated[
         bool, typer.Option("--peer", help="CLIPPER too, registered against every building: a minute a hundred answers.")
     ] = False,
+    distractors: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--distractors",
+            metavar="DIR",
+            help="Asked again with these buildings in the map too: DIR/*.json and */map.json; several times.",
+        ),
+    ] = None,
+    changed: Annotated[
+        bool, typer.Option("--changed", help="Asked again on another day, when some of the objects have changed:")
+    ] = False,
+    mislabelled: Annotated[float, typer.Option(min=0.0, max=1.0, help="· the share that has another name,")] = 0.2,
+    gone: Annotated[float, typer.Option(min=0.0, max=1.0, help="· the share that is gone,")] = 0.3,
+    moved: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="· the share that was moved, by about 3 m an axis.")
+    ] = 0.2,
     long: Annotated[
         bool, typer.Option("--long", help="Print every row, with intervals, success@5 and @10, as the JSON has them.")
     ] = False,
@@ -135,8 +151,8 @@ def online(
     """
     from semloc_core.config import checked
     from semloc_core.encoding import Model
-    from semloc_core.evaluate import evaluate_online
-    from semloc_core.metrics import online_pivots
+    from semloc_core.evaluate import AnotherDay, evaluate_online
+    from semloc_core.metrics import Row, online_pivots
     from semloc_core.sources import WalkConfig
 
     config = checked(
@@ -147,29 +163,43 @@ def online(
         place_noise_m=place_noise_m,
         drift=drift,
     )
-    with progress("evaluating") as bar:
-        rows = evaluate_online(
-            root,
-            models=[Model.load(m) for m in model or []],
-            config=config,
-            walks=walks,
-            filtered=filtered,
-            verified=verified,
-            kidnapped=kidnapped,
-            foreign=foreign,
-            bound=bound,
-            peer=peer,
-            seed=seed,
-            progress=bar,
-        )
+    day = AnotherDay(mislabelled=mislabelled, gone=gone, moved=moved)
+    cases: list[tuple[str, list[Path], AnotherDay | None]] = [("as mapped", [], None)]
+    cases += [("with distractors", distractors, None)] if distractors else []
+    cases += [("changed", [], day)] if changed else []
+    every: list[Row] = []
+    models = [Model.load(m) for m in model or []]
+    for case, others, another_day in cases:
+        with progress("evaluating") as bar:
+            rows = evaluate_online(
+                root,
+                models=models,
+                config=config,
+                walks=walks,
+                filtered=filtered,
+                verified=verified,
+                kidnapped=kidnapped,
+                foreign=foreign,
+                bound=bound,
+                peer=peer,
+                distractors=others,
+                another_day=another_day,
+                seed=seed,
+                progress=bar,
+            )
+        every += rows if len(cases) == 1 else [{"case": case, **row} for row in rows]
+        if not long:
+            of = f"{root}, {case}" if len(cases) > 1 else str(root)
+            console.print(
+                f"{of}: {rows[0]['queries']} walks; columns are metres walked; intervals: --long", markup=False
+            )
+            for pivot in online_pivots(rows):
+                print_pivot(pivot, console)
+    inputs = [root, *(distractors or [])]
     if long:
-        show("evaluate online", seed, [root], rows, json_file, title=str(root))
-        return
-    console.print(f"{root}: {rows[0]['queries']} walks; columns are metres walked; intervals: --long", markup=False)
-    for pivot in online_pivots(rows):
-        print_pivot(pivot, console)
-    if json_file is not None:
-        write_json(json_file, "evaluate online", seed, [root], rows)
+        show("evaluate online", seed, inputs, every, json_file, title=str(root))
+    elif json_file is not None:
+        write_json(json_file, "evaluate online", seed, inputs, every)
 
 
 @app.command("candidates")

@@ -28,11 +28,12 @@ WHAT: dict[str, tuple[str, type[SemlocError]]] = {
     "MAP|URL": ("a map file", MapError),
     "ROOT": ("a folder of buildings", FileFormatError),
     "[ROOT]": ("a folder of buildings", FileFormatError),
+    "DIR": ("a folder of buildings", FileFormatError),
     "FILE": ("a file", FileFormatError),
     "MODEL": ("a model file", FileFormatError),
 }
 """What an input is, by the word that stands for it in the help, and the error that its absence is."""
-OPTIONS = ("--map", "--run", "--study", "--synonyms", "--model", "--grid")
+OPTIONS = ("--map", "--run", "--study", "--synonyms", "--model", "--grid", "--distractors")
 """Options that name inputs; the names of shipped models are no files."""
 
 
@@ -84,5 +85,5 @@ def _look_for(path: Any, metavar: str) -> None:
         return
     if not Path(path).exists():
         raise error(f"expected {what} (got no such file: {path})")
-    if metavar.strip("[]") == "ROOT" and not Path(path).is_dir():
+    if metavar.strip("[]") in ("ROOT", "DIR") and not Path(path).is_dir():
         raise ConfigError(f"expected {what} (got {path}, which is a file)")

@@ -14,7 +14,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated
+from importlib import import_module
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -86,6 +87,36 @@ def register(
         return None
     i, j = i[chosen], j[chosen]
     return Registration(i, j, score, fit_transform(seen[i], mapped[j], np.ones(len(i))))
+
+
+Register = Callable[[Floats, Ints, Floats, Ints, ClipperConfig], Registration | None]
+
+
+def original() -> Register | None:
+    """The authors' own, in C++, as `register`; None where their package ``clipperpy`` is not installed."""
+    try:
+        peer: Any = import_module("clipperpy")
+    except ModuleNotFoundError:
+        return None
+
+    def registered(
+        seen: Floats, seen_classes: Ints, mapped: Floats, mapped_classes: Ints, config: ClipperConfig
+    ) -> Registration | None:
+        i, j = np.nonzero(np.equal.outer(seen_classes, mapped_classes))
+        if len(i) < 2:
+            return None
+        invariant = peer.invariants.EuclideanDistanceParams()
+        invariant.sigma, invariant.epsilon, invariant.mindist = config.sigma_m, config.epsilon_m, config.mindist_m
+        solver = peer.CLIPPER(peer.invariants.EuclideanDistance(invariant), peer.Params())
+        pairs = np.stack([i, j], axis=1).astype(np.int32, order="F")
+        solver.score_pairwise_consistency(*(np.asfortranarray(points.T) for points in (seen, mapped)), pairs)
+        solver.solve()
+        i, j = solver.get_selected_associations().T
+        if len(i) < 2:
+            return None
+        return Registration(i, j, solver.get_solution().score, fit_transform(seen[i], mapped[j], np.ones(len(i))))
+
+    return registered
 
 
 def affinities(first: Floats, second: Floats, config: ClipperConfig) -> Floats:

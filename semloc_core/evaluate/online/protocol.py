@@ -17,25 +17,35 @@ from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.encoding import Model, embed_graph, similarity_matrix
 from semloc_core.evaluate.online.agreement import Agreement
+from semloc_core.evaluate.online.another_day import AnotherDay, on_another_day
 from semloc_core.evaluate.online.answers import (
+    Bools,
     OnlineWalk,
     by_chance,
     make_walks,
     steps_at,
     verdict,
 )
+from semloc_core.evaluate.online.clipper import original, register
 from semloc_core.evaluate.online.clipper_walks import judge_clipper
 from semloc_core.evaluate.online.foreign import judge_foreign
 from semloc_core.evaluate.online.fragments import embed_walk
-from semloc_core.evaluate.online.verified import groups_of, judge_kidnapped, judge_online_layout, success_rows
-from semloc_core.evaluate.relocalise import Arena, fitted, make_arena, read_buildings
+from semloc_core.evaluate.online.verified import (
+    PEER,
+    groups_of,
+    judge_kidnapped,
+    judge_online_layout,
+    paired_rows,
+    success_rows,
+)
+from semloc_core.evaluate.relocalise import Arena, fitted, make_arena, read_buildings, read_distractors
 from semloc_core.evaluate.verified_answers import layout_verifier
-from semloc_core.graph import union
+from semloc_core.graph import Labelspace, union
 from semloc_core.metrics import Progress, Row, no_progress
 from semloc_core.sources import WalkConfig
 
 ENCODERS = ("bag_of_words", "rings")
-SCOPES_M = (0.0, 5.0, 10.0, 20.0, 40.0)
+SCOPES_M = (0.0, 2.5, 5.0, 10.0, 20.0, 40.0)
 """Metres walked at which an answer is judged: the first one from there on."""
 
 
@@ -53,6 +63,8 @@ def evaluate_online(
     foreign: bool = False,
     bound: bool = True,
     peer: bool = False,
+    distractors: Sequence[Path] = (),
+    another_day: AnotherDay | None = None,
     radius_m: float = MATCH_RADIUS_M,
     seed: int = 0,
     progress: Progress = no_progress,
@@ -73,7 +85,11 @@ def evaluate_online(
         kidnapped: judge also how soon a robot is right again that was carried away (`judge_kidnapped`).
         foreign: judge also how many answers are accepted in a building that no map has (`judge_foreign`).
         bound: judge `semloc_core.evaluate.online.agreement` too.
-        peer: judge CLIPPER too (`semloc_core.evaluate.online.clipper_walks`).
+        peer: judge CLIPPER too (`semloc_core.evaluate.online.clipper_walks`), its authors' own where their package
+            ``clipperpy`` is installed, as ``clipper, original``; rows of methods ``METHOD − PEER`` hold ``gain`` with
+            its paired interval.
+        distractors: folders of buildings that are in the map too (`read_distractors`).
+        another_day: what has changed in the buildings that the robot walks through; None: nothing has.
         radius_m: how near is right.
         seed: of walks and bootstrap.
         progress: told of every method and building.
@@ -91,8 +107,16 @@ def evaluate_online(
 
     """
     buildings = read_buildings(root)
-    labelspace = union([file.labelspace for building in buildings for file in (building.map, building.query)])
-    arena = make_arena(buildings, labelspace)
+    others = read_distractors(distractors)
+    files = [file for building in buildings for file in (building.map, building.query)]
+    labelspace = union([file.labelspace for file in (*files, *others)])
+
+    def arena_of(space: Labelspace) -> Arena:
+        made = make_arena(buildings, space, others)
+        return made if another_day is None else on_another_day(made, another_day, seed)
+
+    arena = arena_of(labelspace)
+    verdicts: dict[str, Bools] = {}
     config = msgspec.structs.replace(config or WalkConfig(), distance_m=max(*scopes_m, 1e-9))
     total = len(encoders) + len(models) + bound
     rows: list[Row] = []
@@ -104,7 +128,17 @@ def evaluate_online(
             verifier = layout_verifier(its.maps, len(its.labelspace))
             rows.extend(
                 judge_online_layout(
-                    name, model, its, paths, scopes_m, radius_m, seed, verifier, filtered=filtered, foreign=foreign
+                    name,
+                    model,
+                    its,
+                    paths,
+                    scopes_m,
+                    radius_m,
+                    seed,
+                    verifier,
+                    filtered=filtered,
+                    foreign=foreign,
+                    verdicts=verdicts if peer else None,
                 )
             )
             if kidnapped:
@@ -121,18 +155,23 @@ def evaluate_online(
         if model.labelspace.hash == labelspace.hash:
             judge(name, model, arena, paths)
         else:
-            own = make_arena(buildings, model.labelspace)
+            own = arena_of(model.labelspace)
             own_walks = make_walks(own, config, walks, seed)
             judge(name, model, own, own_walks)
     if bound:
         progress(total - 1, total, "agreement")
         agreement = Agreement(arena.maps, len(arena.labelspace))
-        mapped = replace(arena, queries=arena.maps)
+        mapped = replace(arena, queries=arena.maps[: len(buildings)])
         for name, seen in (("agreeing places", arena), ("agreeing places, perfect detector", mapped)):
             through = make_walks(seen, config, walks, seed)
             rows += judge_agreement(name, agreement, arena, through, scopes_m, config.range_m, radius_m, seed)
     if peer:
-        rows += judge_clipper(arena, paths, scopes_m, radius_m, seed, progress=progress)
+        by = original()
+        method = PEER if by is None else f"{PEER}, original"
+        rows += judge_clipper(
+            arena, paths, scopes_m, radius_m, seed, None, progress, method=method, by=by or register, verdicts=verdicts
+        )
+        rows += paired_rows(verdicts, groups_of(paths), scopes_m, seed)
     progress(total, total, "done")
     return rows
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from time import process_time
 
 import numpy as np
 
@@ -25,6 +26,9 @@ from semloc_core.matching import LayoutVerifier, Placed
 from semloc_core.metrics import PoseErrors, Row, accepted_share, expected_calibration_error
 from semloc_core.tracking import FrameFilter
 
+PEER = "clipper"
+"""What the names of peers begin with."""
+
 
 def judge_online_layout(
     method: str,
@@ -38,6 +42,7 @@ def judge_online_layout(
     *,
     filtered: bool = False,
     foreign: bool = False,
+    verdicts: dict[str, Bools] | None = None,
 ) -> list[Row]:
     """Rows of one encoder whose answers are verified, under the name ``METHOD + layout``.
 
@@ -57,6 +62,8 @@ def judge_online_layout(
         verifier: of the arena's maps.
         filtered: for rows with the filter too.
         foreign: ask also with the robot's building left out of the database.
+        verdicts: where to put, by method, whether the best answer is right, (W, K). With it rows also hold ``cpu_ms``,
+            the process's own time an answer, its median (of a walk's embeddings an equal share).
 
     """
     database = np.concatenate([embed_graph(model, graph) for graph in arena.maps])
@@ -65,6 +72,7 @@ def judge_online_layout(
     kinds = [("none", "any"), ("none", "known"), *([("bayes", "any")] if filtered else [])]
     right = {kind: np.zeros(shape, np.bool_) for kind in kinds}
     chance = {home: np.zeros(shape[:2]) for home in ("any", "known")}
+    seconds = np.zeros(shape[:2])
     sure = {kind[0]: np.zeros(shape[:2]) for kind in kinds}
     abroad = {name: np.full(shape[:2], -np.inf) for name in sure}
     errors = [PoseErrors() for _ in scopes_m]
@@ -74,13 +82,17 @@ def judge_online_layout(
         for home, by in chance.items():
             by[i] = by_chance(arena, path, at, radius_m, known=home == "known")
         steps = np.arange(at.max() + 1) if filtered else at
+        begun = process_time()
         similarity = similarity_matrix(embed_walk(model, path.walk.at(steps)), database)
+        seconds[i] = (process_time() - begun) / len(steps)
         fragments = fragments_along(path.walk, steps, verifier, np.random.default_rng([seed, i]))
         rows = np.searchsorted(steps, at)
         chosen = [fragments[row] for row in rows.tolist()]
         at_home = arena.building == path.building
         places_found: list[Placed | None] = []
-        best = reranked(verifier, chosen, similarity[rows], chances=sure["none"][i], places=places_found)
+        best = reranked(
+            verifier, chosen, similarity[rows], chances=sure["none"][i], places=places_found, seconds=seconds[i]
+        )
         right["none", "any"][i] = verdict(arena, path, at, best, radius_m)
         frame = any_frame(np.random.default_rng([seed, i]))
         for k in np.flatnonzero(right["none", "any"][i][:, 0]).tolist():
@@ -101,14 +113,18 @@ def judge_online_layout(
         for name in sure:
             sure[name][i][~asked], abroad[name][i][~asked] = 0.0, -np.inf
     name = f"{method} + layout"
+    if verdicts is not None:
+        verdicts[name] = right["none", "any"][:, :, 0]
     found: list[Row] = []
-    for (filter_, home), verdicts in right.items():
+    for (filter_, home), each in right.items():
         keys: Row = {"method": name, "filter": filter_, "home": home}
-        for k, row in enumerate(success_rows(keys, verdicts, chance[home], groups_of(paths), scopes_m, seed)):
+        for k, row in enumerate(success_rows(keys, each, chance[home], groups_of(paths), scopes_m, seed)):
             if home == "any":
-                row["ece"] = expected_calibration_error(sure[filter_][:, k], verdicts[:, k, 0])
+                row["ece"] = expected_calibration_error(sure[filter_][:, k], each[:, k, 0])
             if (filter_, home) == ("none", "any"):
                 row |= errors[k].figures()
+                if verdicts is not None:
+                    row["cpu_ms"] = 1e3 * float(np.median(seconds[:, k]))
             found.append(row)
     for filter_, its in sure.items() if foreign else ():
         for k, metres in enumerate(scopes_m):
@@ -116,6 +132,29 @@ def judge_online_layout(
             keys = {"method": name, "filter": filter_, "home": "any", "scope": f"foreign {metres:g}m"}
             found.append({**keys, "queries": len(paths), **accepted})
     return found
+
+
+def paired_rows(verdicts: dict[str, Bools], groups: Ints | None, scopes_m: Sequence[float], seed: int) -> list[Row]:
+    """A row a scope for each method but the first ones' peers: by how much its success@1 is above each peer's.
+
+    Args:
+        verdicts: (W, K) by method, on the same walks; those whose names begin with ``clipper`` are the peers.
+        groups: (W,) that the bootstrap draws from, as of `success_rows`.
+        scopes_m: K distances.
+        seed: of the bootstrap.
+
+    """
+    peers = [name for name in verdicts if name.startswith(PEER)]
+    rows: list[Row] = []
+    for name in verdicts:
+        for peer in peers if name not in peers else ():
+            rng, more = np.random.default_rng(seed), verdicts[name].astype(np.float64) - verdicts[peer]
+            for k, metres in enumerate(scopes_m):
+                low, high = metrics.bootstrap_interval(more[:, k], rng, groups=groups)
+                keys: Row = {"method": f"{name} − {peer}", "filter": "none", "home": "any", "scope": f"{metres:g}m"}
+                figures: Row = {"gain": float(more[:, k].mean()), "gain_low": low, "gain_high": high}
+                rows.append({**keys, "queries": len(more), **figures})
+    return rows
 
 
 def judge_kidnapped(

@@ -13,6 +13,7 @@ from semloc_core.matching.layout.building.layout import APART_M, LayoutPart
 from semloc_core.matching.layout.config import LayoutConfig
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
+from semloc_core.matching.layout.pair_votes import PairVotes
 from semloc_core.matching.layout.pose.align import align
 from semloc_core.matching.layout.pose.heading_vote import best_poses, heading_scores
 from semloc_core.matching.layout.ring_score import CoarseScan, affordable
@@ -113,6 +114,14 @@ class LayoutVerifier:
     def _read(self, parts: Sequence[LayoutPart], n_classes: int, config: LayoutConfig) -> None:
         self.config = config
         self.mapped = MappedLayout(parts, n_classes, config)
+        self._votes = PairVotes(
+            [part.pairs for part in parts],
+            self.mapped.object_positions,
+            [len(part.object_positions) for part in parts],
+            self.mapped.positions,
+            self.mapped.building,
+            n_classes,
+        )
         scanned = len(parts) > 0 and affordable(self.mapped.n_places, n_classes)
         self._scan = CoarseScan([part.rings for part in parts]) if scanned else None
 
@@ -174,7 +183,7 @@ class LayoutVerifier:
         self, fragment: Fragment, similarity: NDArray[np.float32] | None, only: NDArray[np.bool_] | None = None
     ) -> Ints:
         """(K,) rows to be tried, in rising order: the likeliest of the scan, and some of the most similar."""
-        found = [np.zeros(0, dtype=np.int64)]
+        found = [self._votes.rows(fragment, only)]
         if self._scan is not None:
             likelihood = self._scan.log_likelihood(fragment)
             found.append(self._apart(_largest(likelihood, self.config.coarse, only), likelihood))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import sys
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from semloc_core.evaluate.online.clipper import ClipperConfig, affinities, densest, register
+from semloc_core.evaluate.online.clipper import ClipperConfig, affinities, densest, original, register
 from semloc_core.map_merge import fit_transform
 
 
@@ -67,3 +70,50 @@ def test_the_fit_is_the_least_squares_one():
     found = fit_transform(points, turned(points, 0.7, (1.0, 2.0, 3.0)), np.ones(30))
     assert found.yaw == pytest.approx(0.7)
     np.testing.assert_allclose(found.translation, (1.0, 2.0, 3.0), atol=1e-9)
+
+
+def test_the_original_is_asked_where_it_is_installed(monkeypatch):
+    """Through its Python package's face, here answered by the one written from the paper."""
+    asked = []
+
+    class Solver:
+        def __init__(self, invariant, params):
+            self.config = ClipperConfig(
+                sigma_m=invariant.sigma, epsilon_m=invariant.epsilon, mindist_m=invariant.mindist
+            )
+
+        def score_pairwise_consistency(self, seen, mapped, pairs):
+            asked.append((seen.shape, mapped.shape, pairs.dtype))
+            far = [
+                np.linalg.norm((p[:, :, None] - p[:, None]), axis=0)
+                for p in (seen[:, pairs[:, 0]], mapped[:, pairs[:, 1]])
+            ]
+            self.pairs, self.affinity = pairs, affinities(*far, self.config)
+
+        def solve(self):
+            self.chosen, self.score = densest(self.affinity, self.config)
+
+        def get_selected_associations(self):
+            return self.pairs[self.chosen]
+
+        def get_solution(self):
+            return self
+
+    invariants = SimpleNamespace(EuclideanDistanceParams=SimpleNamespace, EuclideanDistance=lambda given: given)
+    peer = SimpleNamespace(invariants=invariants, CLIPPER=Solver, Params=SimpleNamespace)
+    monkeypatch.setitem(sys.modules, "clipperpy", peer)
+    by = original()
+    assert by is not None
+    rng = np.random.default_rng(3)
+    mapped, classes = rng.uniform(-8, 8, (15, 3)), rng.integers(0, 4, 15)
+    seen = turned(mapped[:9], 0.8, (3.0, 1.0, 0.0))
+    config = ClipperConfig(sigma_m=0.3)
+    found, own = (one(seen, classes[:9], mapped, classes, config) for one in (by, register))
+    assert asked == [((3, 9), (3, 15), np.dtype(np.int32))]
+    assert set(zip(found.seen.tolist(), found.mapped.tolist(), strict=True)) == set(
+        zip(own.seen.tolist(), own.mapped.tolist(), strict=True)
+    )
+    assert found.score == own.score
+    assert by(seen[:1], classes[:1], mapped, classes + 9, config) is None
+    monkeypatch.setitem(sys.modules, "clipperpy", None)
+    assert original() is None

@@ -9,12 +9,13 @@ import pytest
 from semloc_core.config import LocaliserConfig
 from semloc_core.encoding.encoder import build_encoder
 from semloc_core.encoding.model import Model, embed_graph
-from semloc_core.errors import GraphError
+from semloc_core.errors import FileFormatError, GraphError
 from semloc_core.evaluate.online.agreement import Agreement
+from semloc_core.evaluate.online.another_day import AnotherDay, on_another_day
 from semloc_core.evaluate.online.answers import make_walks, steps_at, verdict
 from semloc_core.evaluate.online.fragments import answered, embed_walk
 from semloc_core.evaluate.online.protocol import evaluate_online
-from semloc_core.evaluate.relocalise import make_arena, read_buildings
+from semloc_core.evaluate.relocalise import Arena, make_arena, read_buildings
 from semloc_core.evaluate.verified_answers import Past, fragments_along, layout_verifier, reranked
 from semloc_core.graph.arrays import GraphArrays
 from semloc_core.graph.labels.labelspace import Labelspace
@@ -335,3 +336,61 @@ def test_the_peer_is_judged_in_the_frame_as_it_has_drifted(root: Path) -> None:
     assert figure(peer, "success@1") == 1.0
     assert figure(peer, "position_error_m") < 0.5
     assert figure(peer, "heading_error_deg") < 4.0
+
+
+def test_distractors_are_in_the_map_and_are_not_asked_about(root: Path, tmp_path: Path) -> None:
+    """Copies of the buildings as distractors: whatever is found is as likely to be the copy."""
+    options = {"encoders": ("rings",), "walks": 2, "scopes_m": (0.0, 30.0), "bound": False, "filtered": False}
+    alone = evaluate_online(root, peer=True, **options)
+    for name in "abc":
+        (tmp_path / f"{name}.json").write_bytes((root / name / "map.json").read_bytes())
+    among = evaluate_online(root, peer=True, distractors=[tmp_path], **options)
+    assert {row["queries"] for row in among} == {row["queries"] for row in alone}
+    for one, other in zip(alone, among, strict=True):
+        assert (one["method"], one["scope"]) == (other["method"], other["scope"])
+        if "chance" in one and one["home"] == "any":
+            assert figure(other, "chance") == pytest.approx(figure(one, "chance") / 2)
+    before, after = figures(alone, "rings + layout", "any"), figures(among, "rings + layout", "any")
+    assert before["30m"] == 1.0
+    assert after["30m"] < 1.0 or figures(among, "rings", "any")["30m"] == 1.0
+    with pytest.raises(FileFormatError, match="expected scene graphs"):
+        evaluate_online(root, distractors=[tmp_path / "none"], **options)
+
+
+def test_the_gain_over_the_peer_is_paired(root: Path) -> None:
+    rows = evaluate_online(
+        root, encoders=("rings",), walks=3, scopes_m=(0.0, 30.0), bound=False, filtered=False, peer=True
+    )
+    by = {(row["method"], row["home"], row["scope"]): row for row in rows}
+    (peer,) = {str(row["method"]) for row in rows if str(row["method"]).startswith("clipper")}
+    for scope in ("0m", "30m"):
+        ours, theirs = (by[method, "any", scope] for method in ("rings + layout", peer))
+        gain = by[f"rings + layout − {peer}", "any", scope]
+        assert figure(gain, "gain") == pytest.approx(figure(ours, "success@1") - figure(theirs, "success@1"))
+        assert figure(gain, "gain_low") <= figure(gain, "gain") <= figure(gain, "gain_high")
+        assert min(figure(ours, "cpu_ms"), figure(theirs, "cpu_ms")) > 0
+
+
+def test_another_day_changes_as_many_objects_as_it_is_told(
+    small_worlds: list[World], small_arrays: GraphArrays
+) -> None:
+    space = small_worlds[0].labelspace
+    arena = Arena(space, (small_arrays,), (small_arrays,))
+    place = {id_: (class_, tuple(at)) for id_, class_, at in zip(
+        small_arrays.object_ids, small_arrays.object_classes.tolist(), small_arrays.object_positions.tolist(),
+        strict=True,
+    )}  # fmt: skip
+    shares = []
+    for seed in range(40):
+        day = on_another_day(arena, AnotherDay(mislabelled=0.2, gone=0.3, moved=0.1), seed)
+        (query,) = day.queries
+        assert day.maps == arena.maps
+        there = [place[id_] for id_ in query.object_ids]
+        named = np.mean([c != was for c, (was, _) in zip(query.object_classes.tolist(), there, strict=True)])
+        moved = np.mean([tuple(p) != was for p, (_, was) in zip(query.object_positions.tolist(), there, strict=True)])
+        shares.append((1 - query.n_objects / small_arrays.n_objects, named, moved))
+    np.testing.assert_allclose(np.mean(shares, axis=0), (0.3, 0.2, 0.1), atol=0.04)
+    (same,) = on_another_day(arena, AnotherDay(mislabelled=0.0, gone=0.0, moved=0.0), 0).queries
+    assert same.object_ids == small_arrays.object_ids
+    assert (same.object_positions == small_arrays.object_positions).all()
+    assert (same.object_classes == small_arrays.object_classes).all()

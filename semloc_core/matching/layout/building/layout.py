@@ -12,6 +12,7 @@ from semloc_core.matching.layout.building.near_pairs import BLOCK_ROWS, Nearby, 
 from semloc_core.matching.layout.building.objects_by_place import Around, around_m
 from semloc_core.matching.layout.config import LayoutConfig
 from semloc_core.matching.layout.fragment import thinned
+from semloc_core.matching.layout.pair_votes import ObjectPairs
 from semloc_core.matching.layout.ring_score import RingCounter, Rings, affordable
 
 APART_M = 1.0
@@ -71,7 +72,7 @@ class LayoutPart:
     ) -> LayoutPart:
         """The same with all made that a map needs of it: none waits for it."""
         part = cls(graph, rows, n_classes, weights, storeys=storeys)
-        _ = part.around, part.room, part.cells
+        _ = part.around, part.room, part.cells, part.pairs
         if affordable(len(part), n_classes):
             _ = part.rings
         return part
@@ -99,6 +100,11 @@ class LayoutPart:
             found.append(j)
         start, objects = np.cumsum(np.concatenate(sizes)), np.concatenate(found)
         return Around.of(start, objects, self.positions, self.object_positions, self.object_classes)
+
+    @cached_property
+    def pairs(self) -> ObjectPairs:
+        """Pairs of its objects, by which places are proposed."""
+        return ObjectPairs.of(self.object_positions, self.object_classes, self.n_classes)
 
     @cached_property
     def cells(self) -> Ints:

@@ -1,0 +1,226 @@
+"""Places proposed by pairs of objects: every mapped pair that is like a seen one says where the robot would be.
+
+Two objects of certain classes, so far apart, fix a pose. The map's pairs are sorted by their classes and distance, so
+that those like a seen pair are one run of them; each hit votes for a cell of building, position and heading, the more
+the rarer its like is (a generalised Hough transform). Costs go with the hits, of which the rarest pairs' are taken
+first, and not with the places of the map; what has not been seen yet speaks against nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from semloc_core.graph import Floats, Ints, ranges
+from semloc_core.matching.layout.building.near_pairs import Nearby, nearest
+from semloc_core.matching.layout.fragment import Fragment
+from semloc_core.text import short_repr
+
+LEAST_M, REACH_M = 0.8, 7.0
+"""Pairs are so far apart: nearer ones have no heading, farther ones are too many."""
+PARTNERS = 48
+"""Partners of an object at most, the nearest."""
+TOLERANCE_M, HEIGHT_M = 0.7, 0.8
+"""Pairs that differ by more in distance, or in difference of height, are not alike."""
+VOTERS = 20
+"""Seen objects whose pairs vote, the nearest to the robot."""
+HITS = 24_000
+"""Hits that vote at most, but for those of the rarest pair."""
+CELL_M, LAYER_M, HEADINGS = 1.2, 2.0, 24
+BEST, KEPT = 800, 200
+"""Cells that are looked at together with those beside them, and those that propose a place."""
+NEAR_M = 2.0
+"""A vote farther from any place of its building stands in no free space."""
+_STEPS = 128
+"""Distances are sorted to so many parts of a metre."""
+_STRIDE = _STEPS * 16
+_APART = 1e5
+_BITS, _MIDDLE = 12, 64
+
+
+@short_repr
+@dataclass(frozen=True, eq=False)
+class ObjectPairs:
+    """Pairs of objects of one building, the first of the lower class (of one class: of the lower number).
+
+    Args:
+        first: (p,) number of an object.
+        second: (p,) of another.
+        kind: (p,) both classes in one number.
+        metres: (p,) between them in the plane.
+
+    """
+
+    first: Ints
+    second: Ints
+    kind: Ints
+    metres: Floats
+
+    @classmethod
+    def of(cls, positions: Floats, classes: Ints, n_classes: int) -> ObjectPairs:
+        """All pairs in reach, of (k, 3) objects, metres, and their (k,) classes."""
+        found = []
+        for first, _, i, j, metres in Nearby(positions, positions, REACH_M, REACH_M).blocks():
+            apart = metres >= LEAST_M
+            at, j = nearest(i[apart] - first, j[apart], metres[apart])
+            i = at + first
+            low = (classes[i] < classes[j]) | ((classes[i] == classes[j]) & (i < j))
+            # A pair that is among the nearest of one of them only is found from that one.
+            found.append(np.where(low, (i, j), (j, i)))
+        pairs = np.unique(np.concatenate([np.zeros((2, 0), np.int64), *found], axis=1), axis=1)
+        i, j = pairs
+        off = positions[j, :2] - positions[i, :2]
+        metres = np.sqrt(off[:, 0] ** 2 + off[:, 1] ** 2)
+        return cls(i, j, classes[i] * n_classes + classes[j], metres)
+
+
+class PairVotes:
+    """The pairs of all buildings of a map.
+
+    Args:
+        pairs: of each building.
+        objects: (K, 3) of all buildings, metres.
+        sizes: how many of them each building has.
+        places: (M, 3) metres.
+        building: (M,) of each place.
+        n_classes: C.
+
+    """
+
+    def __init__(
+        self,
+        pairs: Sequence[ObjectPairs],
+        objects: Floats,
+        sizes: Sequence[int],
+        places: Floats,
+        building: Ints,
+        n_classes: int,
+    ) -> None:
+        self._n_classes = n_classes
+        before = np.cumsum([0, *sizes])
+        none = np.zeros(0, np.int64)
+        first = np.concatenate([none, *(p.first + at for p, at in zip(pairs, before, strict=False))])
+        second = np.concatenate([none, *(p.second + at for p, at in zip(pairs, before, strict=False))])
+        keys = _key(
+            np.concatenate([none, *(p.kind for p in pairs)]), np.concatenate([np.zeros(0), *(p.metres for p in pairs)])
+        )
+        order = np.argsort(keys, kind="stable")
+        self._keys, first, second = keys[order], first[order], second[order]
+        self._building = np.repeat(np.arange(len(pairs)), [len(p.first) for p in pairs])[order].astype(np.int64)
+        at = objects[:, 0] + 1j * objects[:, 1]
+        off = at[second] - at[first]
+        self._heading = off / np.maximum(np.abs(off), 1e-9)
+        self._middle, self._height = (at[first] + at[second]) / 2, (objects[first, 2] + objects[second, 2]) / 2
+        self._rise = objects[second, 2] - objects[first, 2]
+        self._of_place, self._places = building, len(places)
+        # Buildings side by side in a fourth dimension, lest a pose be near another one's places.
+        self._tree = cKDTree(np.column_stack([places, building * _APART])) if len(places) else None
+        self._corner = np.zeros(len(pairs), dtype=np.complex128)
+        for number, (low, size) in enumerate(zip(before, sizes, strict=False)):
+            if size:
+                x, y, _ = objects[low : low + size].min(axis=0)
+                self._corner[number] = x + 1j * y
+
+    def rows(self, fragment: Fragment, only: NDArray[np.bool_] | None = None) -> Ints:
+        """Places of the map where the most votes are, best first, each once.
+
+        Args:
+            fragment: what is around the robot.
+            only: (M,) bool, the places that the robot can be at; None for all.
+
+        """
+        none = np.zeros(0, dtype=np.int64)
+        hits, seen, weight = self._hits(fragment)
+        if only is not None:
+            can = np.bincount(self._of_place[only], minlength=len(self._corner)) > 0
+            there = can[self._building[hits]]
+            hits, seen, weight = hits[there], seen[there], weight[there]
+        if self._tree is None or not len(hits):
+            return none
+        i, j, off = self._seen
+        here = fragment.objects[:, 0] + 1j * fragment.objects[:, 1]
+        up = fragment.objects[:, 2]
+        turn = self._heading[hits] * np.conj(off[seen])
+        where = self._middle[hits] - turn * ((here[i] + here[j]) / 2)[seen]
+        height = self._height[hits] - ((up[i] + up[j]) / 2)[seen]
+        building = self._building[hits]
+        cells = _cells(building, where - self._corner[building], height, turn)
+        cell, of = np.unique(cells, return_inverse=True)
+        votes = np.bincount(of, weight)
+        most = np.argsort(-votes, kind="stable")[:BEST]
+        around = _beside(cell[most])
+        at = np.minimum(np.searchsorted(cell, around), len(cell) - 1)
+        total = np.where(cell[at] == around, votes[at], 0.0).sum(axis=1)
+        best = most[np.argsort(-total, kind="stable")[:KEPT]]
+        number = np.full(len(cell), -1)
+        number[best] = np.arange(len(best))
+        chosen = np.flatnonzero(number[of] >= 0)
+        to, w = number[of[chosen]], weight[chosen]
+        x, y, z = (np.bincount(to, w * v[chosen]) / votes[best] for v in (where.real, where.imag, height))
+        first = np.zeros(len(best), dtype=np.int64)
+        first[to] = building[chosen]
+        off_m, row = self._tree.query(np.column_stack([x, y, z, first * _APART]), distance_upper_bound=NEAR_M)
+        row = row[np.isfinite(off_m)].astype(np.int64)
+        if only is not None:
+            row = row[only[row]]
+        kept: Ints = np.array(list(dict.fromkeys(row.tolist())), dtype=np.int64)
+        return kept
+
+    def _hits(self, fragment: Fragment) -> tuple[Ints, Ints, Floats]:
+        """(H,) mapped pairs, the number of the seen pair that each is like, and what its vote weighs."""
+        objects, classes = fragment.objects[:VOTERS], fragment.classes[:VOTERS]
+        i, j = np.triu_indices(len(classes), 1)
+        swap = classes[i] > classes[j]
+        i, j = np.where(swap, j, i), np.where(swap, i, j)
+        # Of two objects of one class either may be the first.
+        twice = classes[i] == classes[j]
+        i, j = np.concatenate([i, j[twice]]), np.concatenate([j, i[twice]])
+        at = objects[:, 0] + 1j * objects[:, 1]
+        off = at[j] - at[i]
+        metres = np.abs(off)
+        use = (metres >= LEAST_M) & (metres <= REACH_M)
+        i, j, off, metres = i[use], j[use], off[use], metres[use]
+        kind = classes[i] * self._n_classes + classes[j]
+        low = np.searchsorted(self._keys, _key(kind, np.maximum(metres - TOLERANCE_M, 0.0)))
+        number = np.searchsorted(self._keys, _key(kind, metres + TOLERANCE_M), side="right") - low
+        order = np.argsort(number, kind="stable")
+        order = order[number[order] > 0]
+        order = order[np.cumsum(number[order]) <= max(HITS, number[order[:1]].sum())]
+        self._seen = i, j, off / np.maximum(metres, 1e-9)
+        hits, seen = ranges(low[order], number[order]), np.repeat(order, number[order])
+        rise = objects[j, 2] - objects[i, 2]
+        alike = np.abs(self._rise[hits] - rise[seen]) <= HEIGHT_M
+        # Whole numbers: their sums are exact, whatever the order.
+        worth = np.rint(16 * np.log1p(len(self._keys) / np.maximum(number, 1)))
+        return hits[alike], seen[alike], worth[seen[alike]]
+
+
+def _key(kind: Ints, metres: Floats) -> Ints:
+    found: Ints = kind * _STRIDE + np.minimum(metres * _STEPS, _STRIDE - 1).astype(np.int64)
+    return found
+
+
+def _cells(building: Ints, where: NDArray[np.complex128], height: Floats, turn: NDArray[np.complex128]) -> Ints:
+    """(H,) numbers of cells. Round coordinates and quarter turns lie amid a cell: no last bit decides."""
+    x, y = (
+        np.clip(np.floor(v / CELL_M + 0.37), -_MIDDLE + 1, 2**_BITS - _MIDDLE - 2) for v in (where.real, where.imag)
+    )
+    z = np.clip(np.floor(height / LAYER_M + 0.37), -15, 14)
+    heading = np.rint(np.angle(turn) * (HEADINGS / (2 * np.pi))) % HEADINGS
+    found = (building << _BITS) + x.astype(np.int64) + _MIDDLE
+    found = (found << _BITS) + y.astype(np.int64) + _MIDDLE
+    found = (found << 5) + z.astype(np.int64) + 16
+    return (found << 5) + heading.astype(np.int64)
+
+
+def _beside(cells: Ints) -> Ints:
+    """(N, 27) cells and those beside them in the plane and by heading, on the same layer."""
+    step = np.arange(-1, 2)
+    heading = ((cells & 31)[:, None] + step) % HEADINGS
+    plane = ((step[:, None] << (_BITS + 10)) + (step << 10)).ravel()
+    found: Ints = ((cells & ~31)[:, None, None] + plane[:, None] + heading[:, None]).reshape(len(cells), -1)
+    return found
