@@ -83,7 +83,7 @@ def _asked(localiser: Localiser, run: Path, building: str) -> tuple[bool, float]
     """Whether the last answer of a run is right, and how far its pose is off, m."""
     for item in read_run(run):
         answer, truth = localiser.update(item.text).matches, item.truth
-    best = answer.matches[0] if answer.matches else None
+    best = answer.matches[0] if answer is not None and answer.matches else None
     if best is None or truth is None or best.map != building:
         return False, math.nan
     off = math.nan if best.pose is None else math.dist(best.pose.position, truth.position)
