@@ -49,6 +49,7 @@ setup(
             f"localiser = {NAME}.commands:localiser",
             f"scene_graph_player = {NAME}.commands:scene_graph_player",
             f"hydra_bridge = {NAME}.commands:hydra_bridge",
+            f"detections_bridge = {NAME}.commands:detections_bridge",
         ]
     },
 )

@@ -99,7 +99,7 @@ def from_detections(
 ) -> None:
     """Make a graph, or a run of updates, of a recorded run of 3D detections and odometry.
 
-    It reads vision_msgs/Detection3DArray, nav_msgs/Odometry or transforms, and a nav_msgs/OccupancyGrid if any.
+    It reads vision_msgs/Detection3DArray, nav_msgs/Odometry or transforms, and perhaps a nav_msgs/OccupancyGrid.
     """
     from semloc_core.graph import Reading
     from semloc_core.sources import DETECTIONS as WANTED

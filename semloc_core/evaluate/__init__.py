@@ -7,6 +7,7 @@ from semloc_core.exports import exports
 if TYPE_CHECKING:
     from semloc_core.evaluate.aliasing import Aliasing, map_aliasing, reads_labels_only
     from semloc_core.evaluate.candidates import evaluate_candidates
+    from semloc_core.evaluate.detections import evaluate_detections
     from semloc_core.evaluate.fit_confidence import draw_buildings
     from semloc_core.evaluate.merge import evaluate_merge
     from semloc_core.evaluate.merge_cases import Case, LifeConfig, home_cases, world_cases
@@ -32,8 +33,8 @@ else:
 
 __all__ = [
     "Aliasing", "AnotherDay", "Case", "LifeConfig", "MODELS", "SEEDS", "Study", "calibration_rows", "condition_rows",
-    "draw_buildings", "evaluate_ablation", "evaluate_candidates", "evaluate_layout", "evaluate_merge",
-    "evaluate_office", "evaluate_online", "evaluate_relocalise", "evaluate_shortlist", "failures", "home_cases",
-    "map_aliasing", "office_variants", "reads_labels_only", "reliability_points", "status_rows", "study_trust",
-    "success_points", "threshold_rows", "world_cases", "worst",
+    "draw_buildings", "evaluate_ablation", "evaluate_candidates", "evaluate_detections", "evaluate_layout",
+    "evaluate_merge", "evaluate_office", "evaluate_online", "evaluate_relocalise", "evaluate_shortlist", "failures",
+    "home_cases", "map_aliasing", "office_variants", "reads_labels_only", "reliability_points", "status_rows",
+    "study_trust", "success_points", "threshold_rows", "world_cases", "worst",
 ]  # fmt: skip

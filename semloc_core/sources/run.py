@@ -396,7 +396,7 @@ class Run:
         if self._types.get(topic) not in (STRING, _DSG_UPDATE, DETECTIONS):
             got = self._types.get(topic, "no such topic")
             raise BagError(
-                f"expected {STRING} or {_DSG_UPDATE} with scene-graph updates, or {DETECTIONS}, on {topic} "
+                f"expected {DETECTIONS}, or {STRING} or {_DSG_UPDATE} with scene-graph updates on {topic} "
                 f"in {self.path} (got {got}; {self._listed()})"
             )
 

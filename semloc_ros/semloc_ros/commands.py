@@ -56,3 +56,11 @@ def hydra_bridge() -> NoReturn:
     from semloc_ros.hydra_bridge import main
 
     _leave(main())
+
+
+def detections_bridge() -> NoReturn:
+    """Run the bridge for detections."""
+    _leave_on_signals()
+    from semloc_ros.detections_bridge import main
+
+    _leave(main())

@@ -57,6 +57,15 @@ TRANSFORMS = QoSProfile(
 """As tf2's own broadcaster sends them."""
 
 
+SENSORS = QoSProfile(
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+    history=HistoryPolicy.KEEP_LAST,
+    depth=50,
+)
+"""Sensor data, as drivers send it: what is lost is lost."""
+
+
 def full_request_topic(node: Node) -> str:
     """Where a full update is asked for: beside the updates, so that who remaps these remaps both."""
     return str(node.resolve_topic_name("scene_graph")) + "/full_request"

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from semloc_core.cli.evaluate import detections as evaluate_detections
 from semloc_core.cli.evaluate import merge as evaluate_merge
 from semloc_core.cli.evaluate import shortlist
 from semloc_core.cli.evaluate import trust as evaluate_trust
@@ -30,6 +31,7 @@ from semloc_core.cli.shared.screen import print_pivot
 app = App(no_args_is_help=True, help="Measure: the paper's protocol, and whole buildings.")
 app.command("merge")(evaluate_merge.merge)
 app.command("trust")(evaluate_trust.trust)
+app.command("detections")(evaluate_detections.detections)
 app.command("shortlist")(shortlist.shortlist)
 
 
