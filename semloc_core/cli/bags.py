@@ -76,13 +76,13 @@ def simulate(
         rate_hz=rate,
         shared_frame=True,
         drift=drift,
-        frame_id=building_name(graph),
+        frame_id="odom" if drift else building_name(graph),
     )
     agents = file.agents_of(robot) if poses and (file.agents or robot) else None
     if agents and len(file.robots) > 1:
         names = ", ".join(file.robots)
         note(f"{graph}: poses of {len(file.robots)} robots, {names}: those of {agents[0].robot} are followed")
     steps = simulate_traversal(file.graph, config, np.random.default_rng(seed), agents=agents)
-    count = write_run(output, steps)
+    count = write_run(output, steps, truth_frame=building_name(graph))
     way = f"along {len(agents)} recorded poses" if agents else f"along {distance:g} m of random goals"
     console.print(f"{output}: {count} updates, {way}")

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from semloc_core.sources.bag.cdr import (
         POSE_WITH_COVARIANCE,
         STRING,
+        StampedPose,
         Truth,
         decode_string,
         encode_pose_with_covariance,
@@ -35,7 +36,7 @@ else:
 __all__ = [
     "AgentPose", "BagMessage", "BagReader", "BagWriter", "Bools", "BuildingKind", "DsgStream", "Frame",
     "GROUND_TRUTH_TOPIC", "HydraFile", "KINDS", "OfficeConfig", "POSE_WITH_COVARIANCE", "Run", "SCENE_GRAPH_TOPIC",
-    "STRING", "SimulationConfig", "Step", "TOLERANCE_S", "Truth", "TruthMatcher", "Walk", "WalkConfig",
+    "STRING", "SimulationConfig", "StampedPose", "Step", "TOLERANCE_S", "Truth", "TruthMatcher", "Walk", "WalkConfig",
     "decode_string", "decode_truth", "draw_pair", "draw_stacked", "encode_pose_with_covariance", "encode_string",
     "graph_at_end", "is_run", "make_office", "node_id", "odometry", "query_place", "read_graph", "read_hydra",
     "read_messages", "read_run", "simulate_traversal", "walk", "write_hydra", "write_run", "write_world",

@@ -88,7 +88,7 @@ class SimulationConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         float,
         Meta(ge=0.0, le=100.0, description="drift of the updates' frame; 1: 0.5° and 0.03 m per axis, a root metre"),
     ] = 0.0
-    frame_id: Annotated[str, Meta(description="frame of the updates and of the ground truth")] = "map"
+    frame_id: Annotated[str, Meta(description="frame of the updates")] = "map"
     start_stamp_ns: Annotated[int, Meta(ge=0, le=2**61, description="stamp of the first update, ns")] = (
         1_700_000_000 * _NS_PER_S
     )
