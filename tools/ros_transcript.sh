@@ -84,6 +84,7 @@ wait_topic /localiser/attributions
 WIDTH=700 show ros2 topic echo --once --full-length --field data /localiser/matches
 WIDTH=1200 show ros2 topic echo --once --full-length --field data /localiser/attributions
 show ros2 topic echo --once --field pose.pose /localiser/pose
+LINES_SHOWN=50 show ros2 topic echo --once /localiser/matches_typed
 LINES_SHOWN=4 show timeout 8 ros2 topic hz /localiser/matches
 
 say '## Another map while it runs, and one that is not there' ''
