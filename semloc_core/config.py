@@ -47,7 +47,8 @@ class LocaliserConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     frame_id: Annotated[
         str,
         Meta(
-            min_length=1,
+            pattern=r"\A[^/\s\x00-\x1f\x7f][^\x00-\x1f\x7f]*\Z",  # tf2 knows no frame that begins with a slash
+            title="the name of a frame, without a slash before it",
             description="frame of the matched building, and of what is published: a name, in which {building} stands "
             "for the building's; map: the building's name where the map holds several",
         ),
@@ -163,6 +164,8 @@ def _why_not(struct: type[Any], values: Mapping[str, Any], error: str) -> str:
     plain = _plain(hint)
     if get_origin(plain) is Literal:
         return f"expected {name} to be one of {', '.join(get_args(plain))} {got}"
+    for title in (meta.title for meta in get_args(hint) if isinstance(meta, Meta) and meta.title):
+        return f"expected {name} to be {title} {got}"
     bounds = " and ".join(_bounds(hint))
     kinds = {float: "a number", int: "a whole number", bool: "true or false", str: "text"}
     return f"expected {name} to be {' of '.join(filter(None, [kinds.get(plain, 'a list'), bounds]))} {got}"

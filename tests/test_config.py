@@ -38,3 +38,16 @@ def test_the_line_says_what_was_expected_and_what_came():
         ConfigError, match=r"^expected top_n to be a whole number of at least 1 and at most 100 \(got '0'\)$"
     ):
         checked(LocaliserConfig, top_n=0)
+
+
+@pytest.mark.parametrize("name", ["", "/", "//map", "/map", " ", "\n", "map\n", "a\tb", "\x00"])
+def test_what_is_no_name_of_a_frame_is_refused(name):
+    with pytest.raises(
+        ConfigError, match=r"^expected frame_id to be the name of a frame, without a slash before it \(got "
+    ):
+        checked(LocaliserConfig, frame_id=name)
+
+
+@pytest.mark.parametrize("name", ["map", "one/map", "site/{building}", "{building}", "my map", "m", "é"])
+def test_names_of_frames_are_taken(name):
+    assert checked(LocaliserConfig, frame_id=name).frame_id == name

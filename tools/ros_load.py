@@ -144,11 +144,13 @@ class Load:
             if status.name.endswith("localisation"):
                 self.values = {pair.key: pair.value for pair in status.values}
 
-    def settle(self, received: int, patience_s: float = 120.0) -> None:
-        """Wait until the node says that it has received so many updates."""
-        end = time.monotonic() + patience_s
-        while int(self.values.get("updates received", 0)) < received and time.monotonic() < end:
+    def settle(self, received: int, patience_s: float = 20.0) -> None:
+        """Wait until the node has received so many updates, or no more come: some were overwritten."""
+        most, end = 0, time.monotonic() + patience_s
+        while most < received and time.monotonic() < end:
             time.sleep(0.1)
+            if (now := int(self.values.get("updates received", 0))) > most:
+                most, end = now, time.monotonic() + patience_s
 
     def resident_mib(self) -> float:
         """Resident memory of the node's process (not of the explaining one)."""
@@ -206,7 +208,9 @@ def steady(
         load.settle(count)
         counts = {
             "updates": count,
+            "received": int(load.values["updates received"]),
             "applied": int(load.values["updates applied"]),
+            "gaps": int(load.values["gaps in the stream"]),
             "answers": len(load.latency),
             "attributions": load.attributions,
             "late": int(load.values["explanations late (attention instead)"]),

@@ -84,6 +84,7 @@ wait_topic /localiser/attributions
 WIDTH=700 show ros2 topic echo --once --full-length --field data /localiser/matches
 WIDTH=1200 show ros2 topic echo --once --full-length --field data /localiser/attributions
 show ros2 topic echo --once --field pose.pose /localiser/pose
+LINES_SHOWN=50 show ros2 topic echo --once /localiser/matches_typed
 LINES_SHOWN=4 show timeout 8 ros2 topic hz /localiser/matches
 
 say '## Another map while it runs, and one that is not there' ''
@@ -125,6 +126,8 @@ start ros2 run semloc_ros scene_graph_player --ros-args -p "graph:=$scratch/offi
 wait_topic /localiser/pose
 LINES_SHOWN=16 show timeout 6 ros2 run tf2_ros tf2_echo map odom
 show ros2 topic echo --once --field pose.pose /localiser/pose
+say 'and where it truly is, a moment later:' ''
+show ros2 topic echo --once /ground_truth
 WIDTH=700 show ros2 topic echo --once --full-length --field data /localiser/evidence
 LINES_SHOWN=4 show timeout 8 ros2 topic hz /tf
 kill -INT -- "-${pids[1]}" "-${pids[0]}" 2>/dev/null || true

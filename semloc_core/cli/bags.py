@@ -92,7 +92,6 @@ def simulate(
     if numbers:
         note(f"{graph}: class numbers without names are recorded as such: {listed(numbers)}; {advice(numbers)}")
     shared: dict[str, object] = {"speed_mps": speed, "distance_m": distance, "range_m": range_m, "drift": drift}
-    shared["frame_id"] = building_name(graph)
     given = {"miss_rate": miss_rate, "false_rate": false_rate, "rate_hz": rate}
     shared |= {name: value for name, value in given.items() if value is not None}
     agents = file.agents_of(robot) if poses and (file.agents or robot) else None
@@ -103,13 +102,14 @@ def simulate(
     if detections:
         seen_by = {"cameras": cameras, "horizontal_fov_deg": fov}
         errors = {"confusion_rate": confusion_rate, "depth_noise": depth_noise}
-        detector = DetectorConfig.of(**shared, **seen_by, **errors)
+        detector = DetectorConfig.of(**shared, frame_id=building_name(graph), **seen_by, **errors)
         walls = None if grid is None else read_nav2(grid)
         glances = simulate_detections(file.graph, detector, np.random.default_rng(seed), agents=agents, grid=walls)
         count = write_detections(output, glances, truth_frame=detector.frame_id, grid=walls)
         console.print(f"{output}: {count} frames of detections, {way}")
         return
-    config = SimulationConfig.of(**shared, position_noise_m=position_noise, shared_frame=True)
+    frame = "odom" if drift else building_name(graph)
+    config = SimulationConfig.of(**shared, frame_id=frame, position_noise_m=position_noise, shared_frame=True)
     steps = simulate_traversal(file.graph, config, np.random.default_rng(seed), agents=agents)
-    count = write_run(output, steps)
+    count = write_run(output, steps, truth_frame=building_name(graph))
     console.print(f"{output}: {count} updates, {way}")

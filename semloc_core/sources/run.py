@@ -68,7 +68,7 @@ class RecordedStep(Protocol):
 
     @property
     def position(self) -> Position:
-        """Its true position in the update's frame."""
+        """Its true position in the building's frame."""
 
     @property
     def heading(self) -> float:
@@ -93,13 +93,20 @@ class RunItem(NamedTuple):
     truth: Truth | None
 
 
-def write_run(path: str | Path, steps: Iterable[RecordedStep], *, compression: Compression = "none") -> int:
+def write_run(
+    path: str | Path,
+    steps: Iterable[RecordedStep],
+    *,
+    compression: Compression = "none",
+    truth_frame: str | None = None,
+) -> int:
     """Record a run.
 
     Args:
         path: a ``.mcap`` file, or a rosbag2 folder.
         steps: updates and true poses in order; consumed as they come.
         compression: of the bag's chunks.
+        truth_frame: frame of the true poses, the building's; None: that of the updates.
 
     Returns:
         How many updates were written.
@@ -115,7 +122,8 @@ def write_run(path: str | Path, steps: Iterable[RecordedStep], *, compression: C
             stamp_ns = step.update.stamp_ns
             bag.write_string(SCENE_GRAPH_TOPIC, stamp_ns, wire.encode(step.update))
             turn = (0.0, 0.0, sin(step.heading / 2), cos(step.heading / 2))
-            bag.write_pose(GROUND_TRUTH_TOPIC, stamp_ns, step.update.frame_id, step.position, turn)
+            frame_id = step.update.frame_id if truth_frame is None else truth_frame
+            bag.write_pose(GROUND_TRUTH_TOPIC, stamp_ns, frame_id, step.position, turn)
             count += 1
     return count
 

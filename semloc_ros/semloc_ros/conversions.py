@@ -20,7 +20,7 @@ from collections.abc import Sequence
 import msgspec
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped, Quaternion, TransformStamped, Vector3
+from geometry_msgs.msg import Point, PoseStamped, PoseWithCovarianceStamped, Quaternion, TransformStamped, Vector3
 from std_msgs.msg import Header, String
 from tf2_msgs.msg import TFMessage
 
@@ -90,9 +90,11 @@ def tf_msg(stamped: Stamped) -> TFMessage:
     return TFMessage(transforms=[message])
 
 
-def point_stamped(position: Position, stamp_ns: int, frame_id: str) -> PointStamped:
-    """A position with its time and frame."""
-    return PointStamped(header=header(stamp_ns, frame_id), point=point(position))
+def pose_stamped(position: Position, orientation_xyzw: Sequence[float], stamp_ns: int, frame_id: str) -> PoseStamped:
+    """A pose with its time and frame."""
+    message = PoseStamped(header=header(stamp_ns, frame_id))
+    message.pose.position, message.pose.orientation = point(position), quaternion(orientation_xyzw)
+    return message
 
 
 LEVELS = {

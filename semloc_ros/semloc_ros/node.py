@@ -45,6 +45,7 @@ from semloc_core.errors import ConfigError, SemlocError
 from semloc_core.fleet import open_localiser
 from semloc_core.localiser import Localiser
 from semloc_ros import conversions, qos
+from semloc_ros.bonding import bonded
 from semloc_ros.diagnostics import not_running
 from semloc_ros.parameters import READ_ONLY, NodeConfig, declare, read
 from semloc_ros.publishing import Publishing
@@ -125,6 +126,7 @@ class LocaliserNode(LifecycleNode):
         self._retry: Timer | None = None
         self._retry_s = RETRY_S[0]
         self._entities: list[Callable[[], object]] = []
+        self._bonds: list[Callable[[], None]] = []  # what ends the bond, where there is one
         self._map_lock = threading.Lock()
         self._prepared: Localiser | None = None
         # Parameters and transitions use the default group, so that loading a map there holds up nothing else.
@@ -228,6 +230,8 @@ class LocaliserNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> None:
         """Answer from now on."""
         assert self._session is not None
+        if self._session.config.bond:
+            self._bonds.append(bonded(self))
         super().on_activate(state)
         self._session.draw_map(self.get_clock().now().to_msg())
         self._session.worker.answering = True
@@ -237,6 +241,7 @@ class LocaliserNode(LifecycleNode):
         """Answer no more; updates are still applied."""
         assert self._session is not None
         self._session.worker.answering = False
+        self._end_bond()
         super().on_deactivate(state)
 
     @transition
@@ -262,12 +267,17 @@ class LocaliserNode(LifecycleNode):
     def free(self) -> None:
         """Free all that configure made; does nothing where nothing is configured."""
         self.stop()
+        self._end_bond()
         session, self._session = self._session, None
         for destroy in self._entities:
             destroy()
         self._entities.clear()
         if session is not None:
             session.close()
+
+    def _end_bond(self) -> None:
+        while self._bonds:
+            self._bonds.pop()()
 
     def _make_entities(self) -> None:
         def keep(make: Callable[..., Any], destroy: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:

@@ -43,6 +43,9 @@ class NodeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         bool,
         Meta(description="where autostart fails, end with status 1 instead of trying again, so that others see it"),
     ] = False
+    bond: Annotated[
+        bool, Meta(description="make the bond that Nav2's lifecycle manager expects of an active node; needs bondpy")
+    ] = False
     stale_after_s: Annotated[
         float,
         Meta(ge=0.1, le=3600.0, description="without an update for so long the input is reported as stale, in s"),
@@ -69,7 +72,7 @@ class NodeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     ] = 0
 
 
-READ_ONLY = frozenset({"autostart", "exit_on_failure"})
+READ_ONLY = frozenset({"autostart", "exit_on_failure", "bond"})
 """Parameters that mean nothing once the node runs."""
 
 

@@ -60,7 +60,7 @@ class SimulationConfig(DetectorErrors, frozen=True, kw_only=True, forbid_unknown
     shared_frame: Annotated[
         bool, Meta(description="whether odometry, then free of noise, is in the updates' frame and says so")
     ] = False
-    frame_id: Annotated[str, Meta(description="frame of the updates and of the ground truth")] = "map"
+    frame_id: Annotated[str, Meta(description="frame of the updates")] = "map"
     start_stamp_ns: Annotated[int, Meta(ge=0, le=2**61, description="stamp of the first update, ns")] = (
         1_700_000_000 * _NS_PER_S
     )
