@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from semloc_core.encoding.encoder.discriminant import Pairs
     from semloc_core.encoding.encoder.paper.encoder import PaperConfig, PaperEncoder
     from semloc_core.encoding.encoder.query import FEW, QueryEncoder
-    from semloc_core.encoding.general import LEAST_KNOWN, load_general, load_model, own_classes, pick_general
-    from semloc_core.encoding.model import Model, embed_batch, embed_graph, embed_places
+    from semloc_core.encoding.general import GENERAL, general_model
+    from semloc_core.encoding.model import Model, embed_batch, embed_graph, embed_places, load_model
     from semloc_core.encoding.place_graph import extract, extract_all
     from semloc_core.encoding.place_graph.batch import Batch, batch_of_arrays
     from semloc_core.encoding.place_graph.combine import repeat, union
@@ -27,10 +27,10 @@ else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "BagOfWordsEncoder", "Bands", "Batch", "Encoded", "Encoder", "Extraction", "FEW", "HistogramEncoder",
-    "LEAST_KNOWN", "Model", "NODES_AT_ONCE", "Pairs", "PaperConfig", "PaperEncoder", "PerturbedEncoder",
+    "BagOfWordsEncoder", "Bands", "Batch", "Encoded", "Encoder", "Extraction", "FEW", "GENERAL", "HistogramEncoder",
+    "Model", "NODES_AT_ONCE", "Pairs", "PaperConfig", "PaperEncoder", "PerturbedEncoder",
     "PlaceBatches", "QueryEncoder", "Surroundings", "TfidfEncoder", "batch_of_arrays", "build_encoder", "embed_batch",
-    "embed_graph", "embed_places", "extract", "extract_all", "free_space", "load_general", "load_model", "normal",
-    "own_classes", "pick_general", "place_cells", "products", "reach_all_batch", "repeat", "similarity_matrix",
+    "embed_graph", "embed_places", "extract", "extract_all", "free_space", "general_model", "load_model", "normal",
+    "place_cells", "products", "reach_all_batch", "repeat", "similarity_matrix",
     "take_stars", "union",
 ]  # fmt: skip

@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 
 from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoding import Model, build_encoder, embed_graph, extract_all, similarity_matrix
+from semloc_core.encoding import (
+    GENERAL,
+    Model,
+    build_encoder,
+    embed_graph,
+    extract_all,
+    general_model,
+    similarity_matrix,
+)
 from semloc_core.errors import FileFormatError
 from semloc_core.evaluate.verified_answers import add_error, any_frame, layout_verifier, reranked, written_in
 from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, storey_at, union
@@ -28,7 +36,7 @@ from semloc_core.sources import HydraFile, read_hydra
 from semloc_core.text import short_repr
 from semloc_core.training import Report, TrainConfig, train
 
-BASELINES = ("bag_of_words", "tfidf", "histogram", "rings")
+BASELINES = ("bag_of_words", "tfidf", "histogram", "rings", GENERAL)
 
 
 @short_repr
@@ -151,7 +159,7 @@ def evaluate_relocalise(
         progress(done, total, name)
         baseline = fitted(name, arena)
         rows += judge_arena(name, baseline, arena, radius_m, seed)
-        if verified and name == "rings":
+        if verified and name in ("rings", GENERAL):
             rows += judge_layout(name, baseline, arena, radius_m, seed)
         done += 1
     if train_paper:
@@ -204,7 +212,9 @@ def make_arena(buildings: Sequence[Building], labelspace: Labelspace) -> Arena:
 
 
 def fitted(name: str, arena: Arena) -> Model:
-    """An encoder with nothing to train, what it counts counted on all maps."""
+    """An encoder with nothing to train, what it counts counted on all maps; the general one, fitted to them."""
+    if name == GENERAL:
+        return general_model(arena.maps, arena.labelspace)
     encoder = build_encoder(name, None, len(arena.labelspace))
     encoder.fit(extract_all(graph, len(arena.labelspace), encoder.extraction) for graph in arena.maps)
     return Model(encoder, arena.labelspace)

@@ -180,12 +180,12 @@ def online(
 def candidates(
     root: Annotated[Path, typer.Argument(metavar="ROOT", help="Folder of buildings: ROOT/*/map.json and query.json.")],
     model: Annotated[
-        list[str] | None,
-        typer.Option("--model", metavar="MODEL|NAME", help="Evaluate this trained model, or shipped general encoder."),
+        list[Path] | None,
+        typer.Option("--model", metavar="MODEL", help="Evaluate this trained model too."),
     ] = None,
     baselines: Annotated[
         str, typer.Option("--baselines", metavar="NAME,…", help="Encoders with nothing to train, by comma.")
-    ] = "bag_of_words,rings",
+    ] = "bag_of_words,rings,general",
     walks: Annotated[int, typer.Option(min=1, help="Walks in each building for each length.")] = 10,
     seed: Seed = 0,
     json_file: Json = None,
@@ -195,7 +195,7 @@ def candidates(
     from semloc_core.evaluate import evaluate_candidates
 
     chosen = [name.strip() for name in baselines.split(",") if name.strip()]
-    models = [(Path(name).stem, load_model(name)) for name in model or []]
+    models = [(path.stem, load_model(path)) for path in model or []]
     with progress("evaluating") as bar:
         rows = evaluate_candidates(root, models=models, baselines=chosen, walks=walks, seed=seed, progress=bar)
     show("evaluate candidates", seed, [root], rows, json_file, title=str(root))
