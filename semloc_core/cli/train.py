@@ -57,7 +57,7 @@ def train(
     start: Annotated[
         str | None,
         typer.Option(
-            metavar="MODEL",
+            metavar="MODEL|general",
             help="Go on from this model, with its classes; 'general': from the general encoder, fitted to the graphs.",
         ),
     ] = None,

@@ -45,7 +45,7 @@ def build(
         str | None,
         typer.Option(
             "--model",
-            metavar="MODEL",
+            metavar="MODEL|general",
             help="The trained encoder; none given, or 'general': the general one, which takes any class names and is "
             "fitted to these buildings at once.",
         ),

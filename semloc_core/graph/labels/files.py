@@ -14,6 +14,7 @@ from semloc_core.errors import LabelspaceError
 LARGEST_BYTES = 1 << 17
 """Some two thousand classes; a scene graph given by mistake is refused before a minute is spent on reading it."""
 FOLDER = Path(str(resources.files("semloc_core.graph.labels"))) / "labelspaces"
+LABEL_SETS = FOLDER.parent / "label_sets.yaml"
 
 T = TypeVar("T")
 
@@ -76,7 +77,7 @@ def read_labelspace_file(path: str | Path) -> LabelspaceFile:
         LabelspaceError: it can't be read, is not YAML, or holds something else.
 
     """
-    return _read(path, LabelspaceFile)
+    return read_yaml(path, LabelspaceFile)
 
 
 def read_synonyms_file(path: str | Path) -> dict[str | int, str]:
@@ -86,10 +87,16 @@ def read_synonyms_file(path: str | Path) -> dict[str | int, str]:
         LabelspaceError: it can't be read, is not YAML, or holds something else.
 
     """
-    return _read(path, SynonymsFile).synonyms
+    return read_yaml(path, SynonymsFile).synonyms
 
 
-def _read(path: str | Path, type_: type[T]) -> T:
+def read_yaml(path: str | Path, type_: type[T]) -> T:
+    """Read a YAML file as a type, strictly.
+
+    Raises:
+        LabelspaceError: it can't be read, is not YAML, or holds something else.
+
+    """
     what = f"expected a YAML file of {'synonyms' if type_ is SynonymsFile else 'a labelspace'} at {path}"
     try:
         with Path(path).open(encoding="utf-8") as file:
