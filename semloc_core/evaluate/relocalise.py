@@ -7,8 +7,8 @@ within 4 m and on the same storey; that of the truth is told by the building's o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -29,7 +29,7 @@ from semloc_core.encoding import (
 )
 from semloc_core.errors import FileFormatError
 from semloc_core.evaluate.verified_answers import add_error, any_frame, layout_verifier, reranked, written_in
-from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, storey_at, union
+from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, Reading, SceneGraph, storey_at, union
 from semloc_core.matching import Placed, fragment_of_arrays
 from semloc_core.metrics import PoseErrors, Progress, Row, accepted_share, expected_calibration_error, no_progress
 from semloc_core.sources import HydraFile, read_hydra
@@ -197,6 +197,27 @@ def read_buildings(root: Path) -> list[Building]:
     return [
         Building(folder.name, read_hydra(folder / "map.json"), read_hydra(folder / "query.json")) for folder in folders
     ]
+
+
+def relabelled(buildings: Sequence[Building], names: Mapping[str, str]) -> list[Building]:
+    """The buildings as asked by a detector of another label set, whose names the cross-walk leads back to the maps'.
+
+    Args:
+        buildings: maps and queries of one label set.
+        names: a name of theirs -> the other detector's; ``unknown`` where it has none. Others are its own too.
+
+    """
+    space = union([building.map.labelspace for building in buildings])
+    labels = Reading(known=space, auto=True).labels()
+
+    def said(graph: SceneGraph) -> SceneGraph:
+        things = {
+            i: msgspec.structs.replace(thing, class_=names.get(thing.class_, thing.class_))
+            for i, thing in graph.objects.items()
+        }
+        return labels.graph(replace(graph, objects=things))
+
+    return [replace(b, query=replace(b.query, graph=said(b.query.graph), labelspace=space)) for b in buildings]
 
 
 def make_arena(buildings: Sequence[Building], labelspace: Labelspace) -> Arena:

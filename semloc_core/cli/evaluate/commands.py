@@ -126,6 +126,15 @@ def online(
     peer: Annotated[
         bool, typer.Option("--peer", help="CLIPPER too, registered against every building: a minute a hundred answers.")
     ] = False,
+    query_labels: Annotated[
+        Path | None,
+        typer.Option(
+            "--query-labels",
+            metavar="FILE",
+            help="Queries by a detector of other names, led back by the cross-walk: {synonyms: {couch: sofa, cup: "
+            "unknown}}, the map's name first.",
+        ),
+    ] = None,
     long: Annotated[
         bool, typer.Option("--long", help="Print every row, with intervals, success@5 and @10, as the JSON has them.")
     ] = False,
@@ -140,6 +149,7 @@ def online(
     from semloc_core.config import checked
     from semloc_core.encoding import Model
     from semloc_core.evaluate import evaluate_online
+    from semloc_core.graph import load_synonyms
     from semloc_core.metrics import online_pivots
     from semloc_core.sources import WalkConfig
 
@@ -163,6 +173,7 @@ def online(
             foreign=foreign,
             bound=bound,
             peer=peer,
+            query_labels=load_synonyms(query_labels) if query_labels is not None else None,
             seed=seed,
             progress=bar,
         )

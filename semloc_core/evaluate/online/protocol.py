@@ -6,7 +6,7 @@ right in the same building, within 4 m and on the same storey, as in `semloc_cor
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,7 +30,7 @@ from semloc_core.evaluate.online.clipper_walks import judge_clipper
 from semloc_core.evaluate.online.fragments import embed_walk, surroundings_along
 from semloc_core.evaluate.online.kidnapped import judge_foreign, judge_kidnapped
 from semloc_core.evaluate.online.verified import groups_of, judge_online_layout, success_rows
-from semloc_core.evaluate.relocalise import Arena, fitted, make_arena, read_buildings
+from semloc_core.evaluate.relocalise import Arena, fitted, make_arena, read_buildings, relabelled
 from semloc_core.evaluate.verified_answers import layout_verifier
 from semloc_core.graph import union
 from semloc_core.metrics import Progress, Row, no_progress
@@ -56,6 +56,7 @@ def evaluate_online(
     foreign: bool = False,
     bound: bool = True,
     peer: bool = False,
+    query_labels: Mapping[str, str] | None = None,
     radius_m: float = MATCH_RADIUS_M,
     seed: int = 0,
     progress: Progress = no_progress,
@@ -77,6 +78,7 @@ def evaluate_online(
         foreign: judge also how many answers are accepted in a building that no map has (`judge_foreign`).
         bound: judge `semloc_core.evaluate.online.agreement` too.
         peer: judge CLIPPER too (`semloc_core.evaluate.online.clipper_walks`).
+        query_labels: what the queries' detector calls the maps' classes, led back by the cross-walk; None: the same.
         radius_m: how near is right.
         seed: of walks and bootstrap.
         progress: told of every method and building.
@@ -93,6 +95,8 @@ def evaluate_online(
 
     """
     buildings = read_buildings(root)
+    if query_labels is not None:
+        buildings = relabelled(buildings, query_labels)
     labelspace = union([file.labelspace for building in buildings for file in (building.map, building.query)])
     arena = make_arena(buildings, labelspace)
     config = msgspec.structs.replace(config or WalkConfig(), distance_m=max(*scopes_m, 1e-9))
