@@ -32,7 +32,7 @@ WHAT: dict[str, tuple[str, type[SemlocError]]] = {
     "MODEL|general": ("a model file", FileFormatError),
 }
 """What an input is, by the word that stands for it in the help, and the error that its absence is."""
-OPTIONS = ("--map", "--run", "--study", "--synonyms", "--model")
+OPTIONS = ("--map", "--run", "--study", "--synonyms", "--query-labels", "--model")
 """Options that name inputs; a small word of their metavar stands for no file."""
 
 
