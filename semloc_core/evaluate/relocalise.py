@@ -159,7 +159,7 @@ def evaluate_relocalise(
         progress(done, total, name)
         baseline = fitted(name, arena)
         rows += judge_arena(name, baseline, arena, radius_m, seed)
-        if verified and name in ("rings", GENERAL):
+        if verified and name == "rings":
             rows += judge_layout(name, baseline, arena, radius_m, seed)
         done += 1
     if train_paper:

@@ -38,6 +38,7 @@ def test_a_building_is_found_from_its_own_map(root: Path, small_worlds: list[Wor
         "histogram",
         "rings",
         "rings + layout",
+        "general",
     ]
     tested = by_scope(rows, "rings + layout")
     assert list(tested) == ["all", "a", "b", "c", "foreign"]
