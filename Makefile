@@ -33,7 +33,7 @@ $(VENV)/.test: $(VENV)/.tools
 # -- what users run -------------------------------------------------------------------------------------------
 
 demo: $(VENV)/.tools ## replay a simulated run against a map: matches, attributions, a report in out/demo
-	sh tools/demo.sh $(PY) $(OUT)/demo
+	$(PY) -m semloc_core demo --force -o $(OUT)/demo
 
 test: lint types unit ## ruff, the order of the rooms, mypy and the whole test suite
 

@@ -11,7 +11,7 @@ from semloc_core.exports import exports
 
 if TYPE_CHECKING:
     from semloc_core.config import LocaliserConfig
-    from semloc_core.encoding import Model, load_model
+    from semloc_core.encoding import Model, general_model, load_model
     from semloc_core.errors import SemlocError
     from semloc_core.explain import explain_pair
     from semloc_core.fleet import open_localiser
@@ -28,7 +28,7 @@ else:
 
 __all__ = [
     "Localisation", "LoadedMap", "Localiser", "LocaliserConfig", "Located", "MapDatabase", "Model", "Object", "Place",
-    "SceneGraph", "SceneGraphUpdate", "SemlocError", "encode", "explain_pair", "load_map", "load_model",
-    "open_localiser", "put_building", "read_graph", "read_run", "write_run",
+    "SceneGraph", "SceneGraphUpdate", "SemlocError", "encode", "explain_pair", "general_model", "load_map",
+    "load_model", "open_localiser", "put_building", "read_graph", "read_run", "write_run",
 ]  # fmt: skip
 __version__ = "0.1.0"

@@ -14,7 +14,7 @@ from semloc_core import wire
 from semloc_core.benchmark.map_server import FleetServer
 from semloc_core.benchmark.timing import held_mib
 from semloc_core.config import LocaliserConfig
-from semloc_core.encoding import embed_graph, load_general
+from semloc_core.encoding import embed_graph, general_model
 from semloc_core.errors import MapError
 from semloc_core.evaluate import draw_buildings
 from semloc_core.fleet import FleetLocaliser, Holdings, Link, LoadedSource, MilvusSource, ShortlistConfig
@@ -66,9 +66,10 @@ def bench_fleet(
         here), and for one robot ``held_mib`` as Python and numpy count it.
 
     """
-    model, rng = load_general("coco"), np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     drawn = max(RUNS, min(DRAWN, max(sizes)))
     homes, again, space = draw_buildings(KINDS["home"], drawn, rng)
+    model = general_model(homes, space)
     packed = [pack_graph(home.to_scene_graph(space), "map") for home in homes]
     embedded = [embed_graph(model, home) for home in homes]
     walk = SimulationConfig(distance_m=15.0, rate_hz=2.0)

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from semloc_core import __version__
-from semloc_core.cli import bags, bench, explain, graph, introspect, replay, report, train, view, world
+from semloc_core.cli import bags, bench, demo, explain, graph, introspect, replay, report, train, view, world
 from semloc_core.cli.evaluate import commands as evaluate
 from semloc_core.cli.maps import commands as maps
 from semloc_core.cli.shared.ending import unread
@@ -78,6 +78,7 @@ def _options(
     logging.basicConfig(level=level, format="%(levelname)s: %(message)s", handlers=[handler])
 
 
+app.command("demo")(demo.demo)
 app.command("train")(train.train)
 app.add_typer(maps.app, name="map")
 app.add_typer(world.app, name="world")

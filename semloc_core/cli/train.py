@@ -55,8 +55,8 @@ def train(
     start: Annotated[
         str | None,
         typer.Option(
-            metavar="MODEL|NAME",
-            help="Go on from this model, or from a shipped general encoder (coco, uhumans2_office), with its classes.",
+            metavar="MODEL|general",
+            help="Go on from this model, with its classes; 'general': from the general encoder, fitted to the graphs.",
         ),
     ] = None,
     views: Annotated[
@@ -106,12 +106,12 @@ def train(
     """
     import msgspec
 
-    from semloc_core.encoding import load_model
+    from semloc_core.encoding import GENERAL, Model, general_model
     from semloc_core.graph import GraphArrays, Reading
     from semloc_core.training import DEFAULT_ENCODER, PERTURBATIONS, Report, own_validation, plot_curve, train_config
     from semloc_core.training import train as run_training
 
-    begun = load_model(start) if start is not None else None
+    begun = Model.load(start) if start not in (None, GENERAL) else None
     reading = Reading.of(labelspace, synonyms, begun.labelspace if begun is not None else None)
     if begun is not None:
         begun.labelspace = reading.space or begun.labelspace
@@ -124,6 +124,8 @@ def train(
     arrays = [
         GraphArrays.from_scene_graph(f.graph, space, building_name(p)) for p, f in zip(graphs, files, strict=True)
     ]
+    if start == GENERAL:
+        begun = general_model(arrays, space)
     name = encoder or (begun.encoder.name if begun is not None else DEFAULT_ENCODER)
     own = msgspec.to_builtins(begun.encoder.config) if begun is not None else {}
     if name == "paper" and begun is None:

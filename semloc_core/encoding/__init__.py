@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     from semloc_core.encoding.encoder.discriminant import Pairs
     from semloc_core.encoding.encoder.paper.encoder import PaperConfig, PaperEncoder
     from semloc_core.encoding.encoder.query import FEW, QueryEncoder
-    from semloc_core.encoding.general import LEAST_KNOWN, load_general, load_model, own_classes, pick_general
+    from semloc_core.encoding.general import GENERAL, general_model
     from semloc_core.encoding.live_graph import LiveGraph, Query
-    from semloc_core.encoding.model import Model, embed_batch, embed_graph, embed_places
+    from semloc_core.encoding.model import Model, embed_batch, embed_graph, embed_places, load_model
     from semloc_core.encoding.place_graph import extract, extract_all
     from semloc_core.encoding.place_graph.batch import Batch, batch_of_arrays
     from semloc_core.encoding.place_graph.combine import repeat, union
@@ -28,10 +28,9 @@ else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "BagOfWordsEncoder", "Bands", "Batch", "Encoded", "Encoder", "Extraction", "FEW", "HistogramEncoder",
-    "LEAST_KNOWN", "LiveGraph", "Model", "NODES_AT_ONCE", "Pairs", "PaperConfig", "PaperEncoder", "PerturbedEncoder",
-    "PlaceBatches", "Query", "QueryEncoder", "Surroundings", "TfidfEncoder", "batch_of_arrays", "build_encoder",
-    "embed_batch", "embed_graph", "embed_places", "extract", "extract_all", "free_space", "load_general",
-    "load_model", "normal", "own_classes", "pick_general", "place_cells", "products", "reach_all_batch", "repeat",
-    "similarity_matrix", "take_stars", "union",
+    "BagOfWordsEncoder", "Bands", "Batch", "Encoded", "Encoder", "Extraction", "FEW", "GENERAL", "HistogramEncoder",
+    "LiveGraph", "Model", "NODES_AT_ONCE", "Pairs", "PaperConfig", "PaperEncoder", "PerturbedEncoder", "PlaceBatches",
+    "Query", "QueryEncoder", "Surroundings", "TfidfEncoder", "batch_of_arrays", "build_encoder", "embed_batch",
+    "embed_graph", "embed_places", "extract", "extract_all", "free_space", "general_model", "load_model", "normal",
+    "place_cells", "products", "reach_all_batch", "repeat", "similarity_matrix", "take_stars", "union",
 ]  # fmt: skip

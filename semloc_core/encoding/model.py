@@ -147,6 +147,11 @@ class Model:
         return {name: t.detach().cpu().numpy() for name, t in self.encoder.state_dict().items()}
 
 
+def load_model(path: Path | str) -> Model:
+    """Read a model file: `Model.load`."""
+    return Model.load(path)
+
+
 def embed_batch(model: Model, batch: Batch) -> NDArray[np.float32]:
     """Embeddings of a batch's B places: (B, D) float32. The encoder is run in eval mode, without gradients.
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from semloc_core.evaluate.paper.ablation import evaluate_ablation
     from semloc_core.evaluate.paper.office import SEEDS, evaluate_office, office_variants
     from semloc_core.evaluate.relocalise import evaluate_relocalise
-    from semloc_core.evaluate.shortlisted import MODELS, evaluate_shortlist
+    from semloc_core.evaluate.shortlisted import evaluate_shortlist
     from semloc_core.evaluate.trust import Study, failures, study_trust
     from semloc_core.evaluate.trust_curves import (
         calibration_rows,
@@ -32,7 +32,7 @@ else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "Aliasing", "AnotherDay", "Case", "LifeConfig", "MODELS", "SEEDS", "Study", "calibration_rows", "condition_rows",
+    "Aliasing", "AnotherDay", "Case", "LifeConfig", "SEEDS", "Study", "calibration_rows", "condition_rows",
     "draw_buildings", "evaluate_ablation", "evaluate_candidates", "evaluate_detections", "evaluate_layout",
     "evaluate_merge", "evaluate_office", "evaluate_online", "evaluate_relocalise", "evaluate_shortlist", "failures",
     "home_cases", "map_aliasing", "office_variants", "reads_labels_only", "reliability_points", "status_rows",

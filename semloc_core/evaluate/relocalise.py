@@ -7,8 +7,8 @@ within 4 m and on the same storey; that of the truth is told by the building's o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -18,17 +18,25 @@ from numpy.typing import NDArray
 
 from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoding import Model, build_encoder, embed_graph, extract_all, similarity_matrix
+from semloc_core.encoding import (
+    GENERAL,
+    Model,
+    build_encoder,
+    embed_graph,
+    extract_all,
+    general_model,
+    similarity_matrix,
+)
 from semloc_core.errors import FileFormatError
 from semloc_core.evaluate.verified_answers import add_error, any_frame, layout_verifier, reranked, written_in
-from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, storey_at, union
+from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, Reading, SceneGraph, storey_at, union
 from semloc_core.matching import Placed, fragment_of_arrays
 from semloc_core.metrics import PoseErrors, Progress, Row, accepted_share, expected_calibration_error, no_progress
 from semloc_core.sources import HydraFile, read_hydra
 from semloc_core.text import short_repr
 from semloc_core.training import Report, TrainConfig, train
 
-BASELINES = ("bag_of_words", "tfidf", "histogram", "rings")
+BASELINES = ("bag_of_words", "tfidf", "histogram", "rings", GENERAL)
 
 
 @short_repr
@@ -207,6 +215,27 @@ def read_distractors(folders: Sequence[Path]) -> list[HydraFile]:
     return found
 
 
+def relabelled(buildings: Sequence[Building], names: Mapping[str, str]) -> list[Building]:
+    """The buildings as asked by a detector of another label set, whose names the cross-walk leads back to the maps'.
+
+    Args:
+        buildings: maps and queries of one label set.
+        names: a name of theirs -> the other detector's; ``unknown`` where it has none. Others are its own too.
+
+    """
+    space = union([building.map.labelspace for building in buildings])
+    labels = Reading(known=space, auto=True).labels()
+
+    def said(graph: SceneGraph) -> SceneGraph:
+        things = {
+            i: msgspec.structs.replace(thing, class_=names.get(thing.class_, thing.class_))
+            for i, thing in graph.objects.items()
+        }
+        return labels.graph(replace(graph, objects=things))
+
+    return [replace(b, query=replace(b.query, graph=said(b.query.graph), labelspace=space)) for b in buildings]
+
+
 def make_arena(buildings: Sequence[Building], labelspace: Labelspace, distractors: Sequence[HydraFile] = ()) -> Arena:
     """Freeze all buildings in one labelspace; objects of classes that it lacks say nothing."""
     maps, queries = (
@@ -221,7 +250,9 @@ def make_arena(buildings: Sequence[Building], labelspace: Labelspace, distractor
 
 
 def fitted(name: str, arena: Arena) -> Model:
-    """An encoder with nothing to train, what it counts counted on all maps."""
+    """An encoder with nothing to train, what it counts counted on all maps; the general one, fitted to them."""
+    if name == GENERAL:
+        return general_model(arena.maps, arena.labelspace)
     encoder = build_encoder(name, None, len(arena.labelspace))
     encoder.fit(extract_all(graph, len(arena.labelspace), encoder.extraction) for graph in arena.maps)
     return Model(encoder, arena.labelspace)

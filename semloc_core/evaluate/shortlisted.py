@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from semloc_core.encoding import embed_graph, load_general
+from semloc_core.encoding import embed_graph, general_model
 from semloc_core.errors import GraphError
 from semloc_core.evaluate.fit_confidence import draw_buildings
 from semloc_core.evaluate.online.fragments import embed_walk
@@ -19,7 +19,6 @@ SCOPES_M = (0.0, 5.0, 10.0, 20.0, 40.0)
 LIMITS = tuple(
     ShortlistConfig(nearest=nearest, buildings=buildings) for nearest in (400, 1600, 6400) for buildings in (16, 32, 64)
 )
-MODELS = {"home": "coco", "office": "uhumans2_office"}
 
 
 def evaluate_shortlist(
@@ -46,10 +45,10 @@ def evaluate_shortlist(
 
     """
     rng = np.random.default_rng(seed)
-    model = load_general(MODELS[kind])
     progress(0, buildings, "drawing")
     kinds = {str(name): one for name, one in KINDS.items()}
-    maps, again, _ = draw_buildings(kinds[kind], buildings, rng)
+    maps, again, space = draw_buildings(kinds[kind], buildings, rng)
+    model = general_model(maps, space)
     names = [f"{number:05d}" for number in range(buildings)]
     sizes = {name: home.n_places for name, home in zip(names, maps, strict=True)}
     of = np.repeat(np.arange(buildings), [home.n_places for home in maps])

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         lacks,
         listed,
         load_labelspace,
+        load_synonyms,
         number_of,
         union,
     )
@@ -39,7 +40,7 @@ __all__ = [
     "Labels", "Labelspace", "Outcome", "Reading", "SHIFT_M", "SceneGraph", "TURN_RAD", "UpdateStream", "Visibility",
     "Way", "advice", "all_numbers", "all_unknown", "ball", "carried_sightings", "connected", "count_unknown",
     "expected_square", "full_id", "is_nameless", "labelspace_from_hydra", "lacks", "listed", "load_labelspace",
-    "many_balls", "mend", "nearest_parents", "node_number", "number_of", "object_distances", "place_spacing", "ranges",
-    "read_graph", "resample_places", "separate", "short_id", "storey_at", "storeys_at", "storeys_of", "union",
-    "visible_pairs",
+    "load_synonyms", "many_balls", "mend", "nearest_parents", "node_number", "number_of", "object_distances",
+    "place_spacing", "ranges", "read_graph", "resample_places", "separate", "short_id", "storey_at", "storeys_at",
+    "storeys_of", "union", "visible_pairs",
 ]  # fmt: skip

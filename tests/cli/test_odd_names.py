@@ -14,7 +14,7 @@ NAMES = ("[/hq]", "[hq]", ":smile: x", "[red]floor[/red] 2")
 @pytest.mark.parametrize("name", NAMES)
 def test_a_building_of_any_name_is_built_changed_and_told_of(semloc, write_corridor, tmp_path, name) -> None:
     graph, map_file = write_corridor(tmp_path / "a.json", ["chair", "couch", "bed"]), tmp_path / "[hq] :smile:.map"
-    built = semloc("map", "build", graph, "--model", "coco", "--name", name, "-o", map_file)
+    built = semloc("map", "build", graph, "--name", name, "-o", map_file)
     assert built.code == 0, built.err
     assert built.out == f"{map_file}: 3 places in 1 building\n"
     told = semloc("map", "info", map_file, "--long")

@@ -12,7 +12,21 @@ from typer.main import get_command
 from semloc_core.cli.commands import app
 from semloc_core.cli.shared.outputs import Command, Group, is_read, writes
 
-READ = {"--map", "--run", "--study", "--synonyms", "--labelspace", "--model", "--start", "--distractors", "--grid"}
+READ = {
+    *("--map", "--run", "--study", "--synonyms", "--labelspace", "--query-labels", "--model", "--start"),
+    *("--distractors", "--grid"),
+}
+    "--map",
+    "--run",
+    "--study",
+    "--synonyms",
+    "--labelspace",
+    "--query-labels",
+    "--model",
+    "--start",
+    "--distractors",
+    "--grid",
+}
 """Options that name what is read. A new option that takes a path is declared with `Writes`, or listed here."""
 READ_ARGUMENTS = {
     *("GRAPH", "GRAPH...", "GRAPH|MAP", "GRAPH|RUN", "[GRAPH|RUN]", "GRAPH|RUN...", "RUN", "RESULTS"),

@@ -33,11 +33,11 @@ def test_a_build_that_lost_the_race_says_so(semloc, homes, tmp_path, monkeypatch
     output, put = tmp_path / "a.map", map_merge.put_building
 
     def slow(*given: object, **options: object) -> int:
-        _another("map", "build", theirs, "--model", "coco", "-o", output)
+        _another("map", "build", theirs, "--model", "general", "-o", output)
         return put(*given, **options)
 
     monkeypatch.setattr(map_merge, "put_building", slow)
-    said = semloc("map", "build", mine, "--model", "coco", "-o", output)
+    said = semloc("map", "build", mine, "--model", "general", "-o", output)
     assert (said.code, said.out, said.err.count("\n")) == (2, "", 1), said
     assert "another process has written meanwhile" in said.err
     assert load(output).buildings == ("theirs",)
@@ -50,14 +50,14 @@ def test_a_rebuild_that_lost_the_race_says_so(semloc, homes, tmp_path, monkeypat
     mine, theirs = homes
     output, chosen = tmp_path / "a.map", choose_model.choose_model
     if first:
-        assert semloc("map", "build", mine, "--model", "coco", "-o", output).code == 0
+        assert semloc("map", "build", mine, "--model", "general", "-o", output).code == 0
 
     def slow(*given: object, **options: object) -> object:
-        _another("map", "build", theirs, "--model", "coco", "-o", output, "--force")
+        _another("map", "build", theirs, "--model", "general", "-o", output, "--force")
         return chosen(*given, **options)
 
     monkeypatch.setattr(maps, "choose_model", slow)
-    said = semloc("map", "build", mine, "--model", "coco", "-o", output, "--force")
+    said = semloc("map", "build", mine, "--model", "general", "-o", output, "--force")
     assert (said.code, said.out, said.err.count("\n")) == (2, "", 1), said
     assert "another process has written meanwhile" in said.err
     assert load(output).buildings == ("theirs",)
@@ -85,9 +85,9 @@ def test_a_build_that_is_stopped_leaves_what_was_there(semloc, homes, tmp_path, 
     mine, theirs = homes
     output = tmp_path / "a.map"
     if there:
-        assert semloc("map", "build", theirs, "--model", "coco", "-o", output).code == 0
+        assert semloc("map", "build", theirs, "--model", "general", "-o", output).code == 0
     before = {each.name: each.read_bytes() for each in tmp_path.iterdir()}
-    words = ["map", "build", str(mine), "--model", "coco", "-o", str(output), "--force"]
+    words = ["map", "build", str(mine), "--model", "general", "-o", str(output), "--force"]
     # In a shell's background a process is started to ignore SIGINT.
     with subprocess.Popen(
         [sys.executable, "-c", STOPPED, *words],

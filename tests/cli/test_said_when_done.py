@@ -6,7 +6,7 @@ import pytest
 @pytest.fixture
 def map_file(semloc, write_corridor, tmp_path):
     graph = write_corridor(tmp_path / "a.json", ["chair", "couch", "bed"])
-    assert semloc("map", "build", graph, "--model", "coco", "-o", tmp_path / "a.map").code == 0
+    assert semloc("map", "build", graph, "-o", tmp_path / "a.map").code == 0
     return tmp_path / "a.map"
 
 

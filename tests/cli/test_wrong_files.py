@@ -11,7 +11,7 @@ COMMANDS = [
     ("introspect", "X"),
     ("map", "build", "X", "-o", "{new}"),
     ("map", "build", "{graph}", "--model", "X", "-o", "{new}"),
-    ("map", "build", "{graph}", "--synonyms", "X", "--model", "coco", "-o", "{new}"),
+    ("map", "build", "{graph}", "--synonyms", "X", "-o", "{new}"),
     ("map", "add", "X", "{graph}"),
     ("map", "add", "{map}", "X", "--name", "b"),
     ("map", "replace", "{map}", "X", "--name", "home"),
@@ -55,7 +55,7 @@ def wrong(tmp_path_factory) -> dict[str, Path]:
 def test_what_is_no_input_is_one_line(semloc, write_corridor, wrong, tmp_path, words) -> None:
     graph, map_file = write_corridor(tmp_path / "home.json", ["chair", "couch"]), tmp_path / "home.map"
     if "{map}" in words:
-        assert semloc("map", "build", graph, "--model", "coco", "-o", map_file).code == 0
+        assert semloc("map", "build", graph, "-o", map_file).code == 0
     names = {"graph": graph, "map": map_file, "new": tmp_path / "new"}
     for kind, path in wrong.items():
         said = semloc(*(str(path) if word == "X" else word.format(**names) for word in words))

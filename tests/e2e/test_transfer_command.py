@@ -5,10 +5,10 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from semloc_core.cli import main
-from semloc_core.encoding.general import load_general
 from semloc_core.encoding.model import Model
 from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.map_database import load
@@ -34,7 +34,7 @@ def semloc(capsys, monkeypatch):
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory) -> Path:
-    """A home of no seed that the shipped encoders were trained on."""
+    """A generated home."""
     root, argv = tmp_path_factory.mktemp("town"), sys.argv
     sys.argv = ["semloc", "world", "many", str(root), "--kind", "home", "--count", "1", "--seed", "77"]
     try:
@@ -48,14 +48,16 @@ def home(tmp_path_factory) -> Path:
 def test_a_building_is_mapped_without_a_model_and_the_command_says_by_which(semloc, home, tmp_path) -> None:
     code, _, err = semloc("map", "build", home, "-o", tmp_path / "home.map")
     assert code == 0, err
-    objects = len(read_hydra(home).graph.objects)
-    assert f"general encoder 'coco' is used, which was trained on generated buildings; it knows {objects} of" in err
+    classes = {thing.class_ for thing in read_hydra(home).graph.objects.values()}
+    assert err == "no --model: the general encoder, fitted to 80 classes of the buildings' own\n"
+    assert classes <= set(load(tmp_path / "home.map").model.labelspace.classes)
     loaded = load(tmp_path / "home.map")
-    assert loaded.model.hash == load_general("coco").hash
+    assert loaded.model.provenance["general"]
     assert loaded.buildings == ("home_77_000",)
 
 
-def test_classes_that_no_general_encoder_knows_ask_for_a_model(semloc, home, tmp_path) -> None:
+def test_a_building_of_any_names_is_mapped_and_found_again(semloc, home, tmp_path) -> None:
+    """Names that nobody has heard of tell places apart as well as those that they stand for."""
     graph = read_hydra(home).graph
     text = home.read_text()
     for class_ in {thing.class_ for thing in graph.objects.values()}:
@@ -63,20 +65,16 @@ def test_classes_that_no_general_encoder_knows_ask_for_a_model(semloc, home, tmp
     odd = tmp_path / "odd.json"
     odd.write_text(text)
     code, _, err = semloc("map", "build", odd, "-o", tmp_path / "odd.map")
-    assert (code, err.count("\n")) == (2, 1)
-    assert "--model" in err
-    assert not (tmp_path / "odd.map").exists()
-    classes = sorted({thing.class_ for thing in graph.objects.values()})
-    (tmp_path / "names.yaml").write_text(json.dumps({"synonyms": {f"odd {class_}": class_ for class_ in classes}}))
-    told = semloc("map", "build", odd, "-o", tmp_path / "odd.map", "--synonyms", tmp_path / "names.yaml")
-    assert told[0] == 0, told[2]
-    assert "'coco' is used" in told[2]
+    assert (code, err.count("\n")) == (0, 1), err
+    assert semloc("map", "build", home, "-o", tmp_path / "home.map")[0] == 0
+    strange, known = load(tmp_path / "odd.map"), load(tmp_path / "home.map")
+    assert all(thing.class_.startswith("odd ") for thing in strange.graph("odd").objects.values())
+    alike = [one.embeddings @ one.embeddings.T for one in (strange, known)]
+    np.testing.assert_allclose(*alike, atol=1e-3)
 
 
-def test_numbers_for_classes_are_read_by_the_labelspace_given_not_by_the_general_encoders(
-    semloc, home, tmp_path
-) -> None:
-    """A lamp is number 11 in the apartment; the office's labelspace has plants there."""
+def test_numbers_for_classes_are_read_by_the_labelspace_given(semloc, home, tmp_path) -> None:
+    """A lamp is number 11 in the apartment."""
     graph, numbers = read_hydra(home).graph, {"chair": 5, "couch": 7, "lamp": 11}
     for thing, class_ in zip(list(graph.objects.values()), ["chair", "couch", "chair", "lamp"] * 99, strict=False):
         graph.objects[thing.id] = type(thing)(thing.id, class_, thing.position, thing.size)
@@ -90,21 +88,21 @@ def test_numbers_for_classes_are_read_by_the_labelspace_given_not_by_the_general
     code, _, err = semloc("map", "build", nameless, "-o", tmp_path / "a.map", "--labelspace", "uhumans2_apartment")
     assert code == 0, err
     classes = {thing.class_ for thing in load(tmp_path / "a.map").graph("apartment").objects.values()}
-    assert {"chair", "couch"} < classes
-    assert "plant" not in classes
+    assert classes == {"chair", "couch", "lamp"}
 
 
 def test_training_on_the_buildings_own_map_says_by_how_much(semloc, home, tmp_path) -> None:
     few = ("--steps", 4, "--set", "redecorated=0", "--set", "fragment_walks=1", "--set", "pool=2")
     figures = tmp_path / "figures.json"
-    code, out, err = semloc("train", home, "--start", "coco", "-o", tmp_path / "m", "--json", figures, *few)
+    code, out, err = semloc("train", home, "--start", "general", "-o", tmp_path / "m", "--json", figures, *few)
     assert code == 0, err
     rows = {(row["method"], row["scope"]): row for row in json.loads(figures.read_text())["rows"]}
     assert set(rows) == {(m, s) for m in ("start", "trained") for s in ("whole", "fragment")}
     for scope in ("whole", "fragment"):
         before, after = (rows[m, scope]["success@1"] for m in ("start", "trained"))
         assert f"{scope}: success@1 {before:.3f} at the start, {after:.3f} trained ({after - before:+.3f})" in out
-    assert Model.load(tmp_path / "m").provenance["start"] == load_general("coco").hash
+    assert semloc("map", "build", home, "-o", tmp_path / "home.map")[0] == 0
+    assert Model.load(tmp_path / "m").provenance["start"] == load(tmp_path / "home.map").model.hash
 
 
 def test_training_trains_the_encoder_with_attention_unless_told(semloc, home, tmp_path) -> None:
@@ -120,7 +118,7 @@ def test_training_trains_the_encoder_with_attention_unless_told(semloc, home, tm
     "words",
     [
         ("--start", "kitchen"),
-        ("--start", "coco", "--encoder", "paper"),
+        ("--start", "general", "--encoder", "paper"),
         ("--set", "redecorated"),
         ("--set", "redecorate=1"),
         ("--set", "redecorated=-1"),

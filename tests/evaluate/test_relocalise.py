@@ -8,10 +8,10 @@ import pytest
 from semloc_core.encoding.encoder import build_encoder
 from semloc_core.encoding.model import Model
 from semloc_core.errors import FileFormatError
-from semloc_core.evaluate.relocalise import evaluate_relocalise, fitted, make_arena, read_buildings
-from semloc_core.graph.labels.labelspace import Labelspace
+from semloc_core.evaluate.relocalise import evaluate_relocalise, fitted, make_arena, read_buildings, relabelled
+from semloc_core.graph.labels.labelspace import Labelspace, load_synonyms
 from semloc_core.metrics.rows import Row
-from semloc_core.sources.world import World, write_world
+from semloc_core.sources.world import KINDS, World, draw_pair, write_world
 from semloc_core.training.config import TrainConfig
 
 
@@ -38,6 +38,7 @@ def test_a_building_is_found_from_its_own_map(root: Path, small_worlds: list[Wor
         "histogram",
         "rings",
         "rings + layout",
+        "general",
     ]
     tested = by_scope(rows, "rings + layout")
     assert list(tested) == ["all", "a", "b", "c", "foreign"]
@@ -116,3 +117,25 @@ def test_rings_find_real_homes_where_bag_of_words_does_not(data_root: Path, tmp_
     rows = evaluate_relocalise(tmp_path, baselines=("rings", "bag_of_words"), train_paper=False, verified=False)
     assert float(by_scope(rows, "rings")["all"]["success@1"] or 0) > 0.9
     assert float(by_scope(rows, "bag_of_words")["all"]["success@1"] or 0) < 0.7
+
+
+def test_a_detector_of_other_names_is_led_back_by_the_cross_walk(tmp_path) -> None:
+    """By a table that was written apart from the walk: what has a name of its own there comes back, gaps do not."""
+    world, second = draw_pair(KINDS["home"], np.random.default_rng(7))
+    (tmp_path / "home").mkdir()
+    for one, name in ((world, "map"), (second, "query")):
+        write_world(tmp_path / "home" / f"{name}.json", one)
+    names = load_synonyms(Path(__file__).parent / "coco_by_ade20k.yaml")
+    (before,) = read_buildings(tmp_path)
+    (after,) = relabelled([before], names)
+    assert after.map is before.map
+    lost = {name for name, said in names.items() if said == "unknown"}
+    same = total = 0
+    for i, thing in before.query.graph.objects.items():
+        found = after.query.graph.objects[i].class_
+        if thing.class_ in lost:
+            assert found == "unknown"
+        elif thing.class_ in names:
+            total, same = total + 1, same + (found == thing.class_)
+    assert total > 10
+    assert same >= 0.9 * total

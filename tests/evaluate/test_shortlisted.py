@@ -7,8 +7,8 @@ from semloc_core.fleet.narrowing import ShortlistConfig
 
 
 def test_a_longer_list_misses_less_and_one_of_all_nothing():
-    limits = [ShortlistConfig(nearest=n, buildings=b) for n, b in ((5, 1), (50, 2), (10_000, 4))]
-    rows = evaluate_shortlist("home", 4, limits, walks=1, seed=3)
+    limits = [ShortlistConfig(nearest=n, buildings=b) for n, b in ((1, 1), (50, 2), (10_000, 6))]
+    rows = evaluate_shortlist("office", 6, limits, walks=1, seed=3)
     assert [row["scope"] for row in rows] == [f"{metres:g}m" for metres in SCOPES_M] * 3
     short, some, everything = (rows[i : i + len(SCOPES_M)] for i in range(0, len(rows), len(SCOPES_M)))
     for few, more, whole in zip(short, some, everything, strict=True):
@@ -16,4 +16,4 @@ def test_a_longer_list_misses_less_and_one_of_all_nothing():
         assert few["places"] <= more["places"] <= whole["places"]
     assert min(row["listed"] for row in short) < 1.0
     assert short[0]["places"] < some[0]["places"] < everything[0]["places"]
-    assert whole["queries"] == pytest.approx(4)
+    assert whole["queries"] == pytest.approx(6)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from semloc_core.encoding.general import load_general
+from semloc_core.encoding.general import general_model
 from semloc_core.explain.explainers.by_name import EXPLAINERS
 from semloc_core.graph.arrays import GraphArrays
 from semloc_core.introspection.whole_map import introspect_map
@@ -14,9 +14,9 @@ from semloc_core.training.views.perturb import perturb
 
 @pytest.fixture(scope="module")
 def study():
-    model = load_general("coco")
     world, _ = draw_pair(KINDS["home"], np.random.default_rng(50))
-    mapped = GraphArrays.from_scene_graph(world.graph, model.labelspace, "home")
+    mapped = GraphArrays.from_scene_graph(world.graph, world.labelspace, "home")
+    model = general_model([mapped], world.labelspace)
     seen = perturb(mapped, model.labelspace, PerturbConfig(), np.random.default_rng(1))
     places = np.random.default_rng(2).choice(mapped.n_places, 12, replace=False).tolist()
     return introspect_map(model, seen, mapped, places=places, budgets=(0.1, 0.3))

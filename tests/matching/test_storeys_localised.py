@@ -5,7 +5,7 @@ import pytest
 from small_building import make_map
 
 from semloc_core.config import LocaliserConfig
-from semloc_core.encoding.general import load_general
+from semloc_core.encoding.general import general_model
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.localiser import Localiser
 from semloc_core.replay.traversal_score import on_wrong_storey, right_matches
@@ -66,7 +66,9 @@ def two_floors(tmp_path_factory):
     more = (("bed", 1.2, 2.9), ("oven", 3.4, 3.4))
     rooms = [FURNITURE, turned, (*FURNITURE, more[0]), (*turned, more[1])]
     building = update(wing(0, rooms), wing(1, rooms[::-1]), stairs=[("p0-0-0", "p1-0-0")])
-    return make_map(tmp_path_factory.mktemp("floors") / "a.map", load_general("coco"), home=building), building
+    return make_map(
+        tmp_path_factory.mktemp("floors") / "a.map", general_model([graph_of(building)]), home=building
+    ), building
 
 
 def test_no_match_is_on_the_wrong_storey_and_on_stairs_an_answer_is_ambiguous_between_both(two_floors):
@@ -90,7 +92,7 @@ def test_no_match_is_on_the_wrong_storey_and_on_stairs_an_answer_is_ambiguous_be
 def test_rooms_alike_are_ambiguous_with_the_twin_as_rival_until_the_walk_tells_them_apart(tmp_path):
     rooms = [FURNITURE, FURNITURE, FURNITURE]
     building = update(wing(0, rooms))
-    loaded = make_map(tmp_path / "a.map", load_general("coco"), home=building)
+    loaded = make_map(tmp_path / "a.map", general_model([graph_of(building)]), home=building)
     said = []
     for answer, truth in walk(loaded, graph_of(building), distance_m=30.0, start_place="p0-7-2", range_m=3.0):
         said.append(answer.status)

@@ -140,6 +140,15 @@ def online(
     moved: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="· the share that was moved, by about 3 m an axis.")
     ] = 0.2,
+    query_labels: Annotated[
+        Path | None,
+        typer.Option(
+            "--query-labels",
+            metavar="FILE",
+            help="Queries by a detector of other names, led back by the cross-walk: {synonyms: {couch: sofa, cup: "
+            "unknown}}, the map's name first.",
+        ),
+    ] = None,
     long: Annotated[
         bool, typer.Option("--long", help="Print every row, with intervals, success@5 and @10, as the JSON has them.")
     ] = False,
@@ -154,6 +163,7 @@ def online(
     from semloc_core.config import checked
     from semloc_core.encoding import Model
     from semloc_core.evaluate import AnotherDay, evaluate_online
+    from semloc_core.graph import load_synonyms
     from semloc_core.metrics import Row, online_pivots
     from semloc_core.sources import WalkConfig
 
@@ -170,6 +180,7 @@ def online(
     cases += [("with distractors", distractors, None)] if distractors else []
     cases += [("changed", [], day)] if changed else []
     every: list[Row] = []
+    renamed = load_synonyms(query_labels) if query_labels is not None else None
     models = [Model.load(m) for m in model or []]
     for case, others, another_day in cases:
         with progress("evaluating") as bar:
@@ -186,6 +197,7 @@ def online(
                 peer=peer,
                 distractors=others,
                 another_day=another_day,
+                query_labels=renamed,
                 seed=seed,
                 progress=bar,
             )
@@ -208,12 +220,12 @@ def online(
 def candidates(
     root: Root,
     model: Annotated[
-        list[str] | None,
-        typer.Option("--model", metavar="MODEL|NAME", help="Evaluate this trained model, or shipped general encoder."),
+        list[Path] | None,
+        typer.Option("--model", metavar="MODEL", help="Evaluate this trained model too."),
     ] = None,
     baselines: Annotated[
         str, typer.Option("--baselines", metavar="NAME,…", help="Encoders with nothing to train, by comma.")
-    ] = "bag_of_words,rings",
+    ] = "bag_of_words,rings,general",
     walks: Annotated[int, typer.Option(min=1, help="Walks in each building for each length.")] = 10,
     seed: Seed = 0,
     json_file: Json = None,
@@ -223,7 +235,7 @@ def candidates(
     from semloc_core.evaluate import evaluate_candidates
 
     chosen = [name for name in by_comma(baselines) if name]
-    models = [(Path(name).stem, load_model(name)) for name in model or []]
+    models = [(path.stem, load_model(path)) for path in model or []]
     with progress("evaluating") as bar:
         rows = evaluate_candidates(root, models=models, baselines=chosen, walks=walks, seed=seed, progress=bar)
     show("evaluate candidates", seed, [root], rows, json_file, title=str(root))

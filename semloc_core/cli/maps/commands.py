@@ -36,9 +36,9 @@ def build(
         str | None,
         typer.Option(
             "--model",
-            metavar="MODEL|NAME",
-            help="The trained encoder, or a shipped general one (coco, uhumans2_office); none given: the general one "
-            "that knows the most of the objects.",
+            metavar="MODEL|general",
+            help="The trained encoder; none given, or 'general': the general one, which takes any class names and is "
+            "fitted to these buildings at once.",
         ),
     ] = None,
     labelspace: LabelspaceOption = None,
@@ -58,7 +58,7 @@ def build(
         refuse_existing(output)
     names, places, was = names_of(inputs, name), 0, map_that_was(output)
     reading = Reading.of(labelspace, synonyms, topic=topic, robot=robot)
-    loaded = choose_model(model, inputs, reading, allow_unknown=allow_unknown)
+    loaded = choose_model(model, inputs, reading)
     reading = reading.with_known(loaded.labelspace)
     with fresh(output, loaded, was, index) as database, progress("embedding places") as bar:
         for i, (path, building) in enumerate(zip(inputs, names, strict=True)):

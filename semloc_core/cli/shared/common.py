@@ -40,8 +40,9 @@ SynonymsOption = Annotated[
     Path | None,
     typer.Option(
         "--synonyms",
-        metavar="FILE",
-        help="YAML that joins a detector's names or numbers to the map's: {synonyms: {sofa: couch, 7: bed}}.",
+        metavar="FILE|auto",
+        help="YAML that joins a detector's names or numbers to the map's: {synonyms: {sofa: couch, 7: bed}}; auto: a "
+        "name that the map lacks is its class of the same kind, by what label sets have in common.",
     ),
 ]
 

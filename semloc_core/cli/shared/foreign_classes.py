@@ -9,6 +9,9 @@ import typer
 from semloc_core.cli.shared.screen import note
 from semloc_core.errors import MapError
 
+LEAST_KNOWN = 0.5
+"""Share of a building's objects whose classes a map's model must know to take it unasked."""
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -56,7 +59,6 @@ def check_classes(graph: SceneGraph, space: Labelspace, where: str, *, allow_unk
         MapError: it knows less than `LEAST_KNOWN` of the objects, and that is not allowed.
 
     """
-    from semloc_core.encoding import LEAST_KNOWN
     from semloc_core.graph import advice, count_unknown, is_nameless, listed
 
     unknown = count_unknown(graph, space)

@@ -30,11 +30,13 @@ WHAT: dict[str, tuple[str, type[SemlocError]]] = {
     "[ROOT]": ("a folder of buildings", FileFormatError),
     "DIR": ("a folder of buildings", FileFormatError),
     "FILE": ("a file", FileFormatError),
+    "FILE|auto": ("a file", FileFormatError),
     "MODEL": ("a model file", FileFormatError),
+    "MODEL|general": ("a model file", FileFormatError),
 }
 """What an input is, by the word that stands for it in the help, and the error that its absence is."""
-OPTIONS = ("--map", "--run", "--study", "--synonyms", "--model", "--grid", "--distractors")
-"""Options that name inputs; the names of shipped models are no files."""
+OPTIONS = ("--map", "--run", "--study", "--synonyms", "--query-labels", "--model", "--grid", "--distractors")
+"""Options that name inputs; a small word of their metavar stands for no file."""
 
 
 def guard(app: typer.Typer) -> None:
@@ -81,7 +83,7 @@ def _inputs(function: Callable[..., Any], values: dict[str, Any]) -> Iterable[tu
 
 def _look_for(path: Any, metavar: str) -> None:
     what, error = WHAT[metavar]
-    if "://" in str(path):
+    if "://" in str(path) or str(path) in metavar.split("|")[1:]:
         return
     if not Path(path).exists():
         raise error(f"expected {what} (got no such file: {path})")

@@ -6,7 +6,7 @@ right in the same building, within 4 m and on the same storey, as in `semloc_cor
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -38,7 +38,7 @@ from semloc_core.evaluate.online.verified import (
     paired_rows,
     success_rows,
 )
-from semloc_core.evaluate.relocalise import Arena, fitted, make_arena, read_buildings, read_distractors
+from semloc_core.evaluate.relocalise import Arena, fitted, make_arena, read_buildings, read_distractors, relabelled
 from semloc_core.evaluate.verified_answers import layout_verifier
 from semloc_core.graph import Labelspace, union
 from semloc_core.metrics import Progress, Row, no_progress
@@ -65,6 +65,7 @@ def evaluate_online(
     peer: bool = False,
     distractors: Sequence[Path] = (),
     another_day: AnotherDay | None = None,
+    query_labels: Mapping[str, str] | None = None,
     radius_m: float = MATCH_RADIUS_M,
     seed: int = 0,
     progress: Progress = no_progress,
@@ -90,6 +91,7 @@ def evaluate_online(
             its paired interval.
         distractors: folders of buildings that are in the map too (`read_distractors`).
         another_day: what has changed in the buildings that the robot walks through; None: nothing has.
+        query_labels: what the queries' detector calls the maps' classes, led back by the cross-walk; None: the same.
         radius_m: how near is right.
         seed: of walks and bootstrap.
         progress: told of every method and building.
@@ -107,6 +109,8 @@ def evaluate_online(
 
     """
     buildings = read_buildings(root)
+    if query_labels is not None:
+        buildings = relabelled(buildings, query_labels)
     others = read_distractors(distractors)
     files = [file for building in buildings for file in (building.map, building.query)]
     labelspace = union([file.labelspace for file in (*files, *others)])

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from semloc_core.graph.labels.files import shipped_labelspaces
+from semloc_core.graph.labels.label_sets import CrossWalk
 from semloc_core.graph.labels.labelspace import (
     Labelspace,
     folded,
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
     from semloc_core.graph.scene_graph import SceneGraph
     from semloc_core.wire import Object, SceneGraphUpdate
 
+AUTO = "auto"
+"""What stands in place of a synonym file for the shipped cross-walk of label sets."""
 NAMED = 12
 """Labels named at most in a line."""
 
@@ -50,6 +53,7 @@ class Reading:
         topic, robot: which updates of a run are meant; None: what `semloc_core.sources.run.Run` finds by itself.
         shipped: ``said`` is one that semloc ships: it was not written for the file at hand. Its numbers overrule the
             file's names only where its numbering is the file's, as far as names that both have tell.
+        auto: names that are not known are looked for in the cross-walk of label sets (`label_sets.yaml`).
 
     Raises:
         LabelspaceError: a synonym of a class that the map or model does not have.
@@ -60,6 +64,7 @@ class Reading:
     synonyms: Mapping[str, str] = field(default_factory=dict)
     known: Labelspace | None = None
     shipped: bool = False
+    auto: bool = False
     topic: str | None = None
     robot: str | None = None
 
@@ -79,8 +84,10 @@ class Reading:
 
         """
         said = load_labelspace(labelspace) if labelspace is not None else None
-        joined = load_synonyms(synonyms) if synonyms is not None else {}
-        found = cls(said, joined, shipped=labelspace in shipped_labelspaces(), topic=topic, robot=robot)
+        auto = synonyms is not None and str(synonyms) == AUTO
+        joined = load_synonyms(synonyms) if synonyms is not None and not auto else {}
+        shipped = labelspace in shipped_labelspaces()
+        found = cls(said, joined, shipped=shipped, auto=auto, topic=topic, robot=robot)
         return found if known is None else found.with_known(known)
 
     def with_known(self, known: Labelspace) -> Reading:
@@ -118,6 +125,10 @@ class Reading:
         return union([*files, own.with_synonyms(self.synonyms)])
 
     @cached_property
+    def _walk(self) -> CrossWalk | None:
+        return CrossWalk(self.space) if self.auto and self.space is not None else None
+
+    @cached_property
     def _joined(self) -> dict[str, str]:
         return {folded(other): name for other, name in self.synonyms.items()}
 
@@ -141,6 +152,7 @@ class Labels:
         self._guessed: dict[int, str] = {}
         self._overruled: dict[str, str] = {}
         self._kept = False
+        self._walked: dict[str, str] = {}
 
     def number(self, number: int, own: str | None = None) -> str:
         """The class of an integer label; ``own`` is the name that the file gives it at one object, else as always."""
@@ -176,6 +188,8 @@ class Labels:
         if space is None:
             return name
         found = space.canonical(name)
+        if reading._walk is not None and space.index(name) < 0 and (walked := reading._walk.find(name)) is not None:
+            self._walked[name] = found = walked
         if not named and number is not None and name == label and found != label:
             self._guessed[number] = found
         return found
@@ -202,6 +216,9 @@ class Labels:
         news = [f"{number} {name}" for number, name in sorted(self._guessed.items()) if number_of(name) is None]
         if news and space is not None:
             lines.append(f"class numbers without names, read as labelspace {space.name} has them: {_few(news)}")
+        if self._walked and space is not None:
+            pairs = [f"{own} → {name}" for own, name in sorted(self._walked.items())]
+            lines.append(f"names of another label set, read as labelspace {space.name} has them: {_few(pairs)}")
         if self._overruled and said is not None:
             pairs = [f"{own} → {name}" for own, name in sorted(self._overruled.items())]
             lines.append(f"--labelspace {said.name} overrules the file's own names: {_few(pairs)}")

@@ -14,6 +14,7 @@ from semloc_core.errors import LabelspaceError
 LARGEST_BYTES = 1 << 17
 """Some two thousand classes; a scene graph given by mistake is refused before a minute is spent on reading it."""
 FOLDER = Path(str(resources.files("semloc_core.graph.labels"))) / "labelspaces"
+LABEL_SETS = FOLDER.parent / "label_sets.yaml"
 
 T = TypeVar("T")
 

@@ -14,7 +14,7 @@ def home(write_corridor, tmp_path) -> Path:
     return write_corridor(tmp_path / "home.json", ["chair", "couch", "chair", "bed", "chair", "chair"])
 
 
-def built(semloc, tmp_path, *graphs: Path, model: str = "coco", more: tuple[str, ...] = ()) -> Path:
+def built(semloc, tmp_path, *graphs: Path, model: str = "general", more: tuple[str, ...] = ()) -> Path:
     done = semloc("map", "build", *graphs, "--model", model, "-o", tmp_path / "a.map", *more)
     assert done.code == 0, done.err
     return tmp_path / "a.map"
@@ -88,7 +88,7 @@ def test_an_encoder_of_labels_gets_its_own_ceiling(semloc, home, tmp_path) -> No
 
 def test_objects_that_the_model_does_not_know_are_counted(semloc, write_corridor, tmp_path) -> None:
     graph = write_corridor(tmp_path / "odd.json", ["chair", "desk", "desk", "whiteboard"])
-    told = semloc("map", "info", built(semloc, tmp_path, graph, more=("--allow-unknown",)))
+    told = semloc("map", "info", built(semloc, tmp_path, graph, more=("--labelspace", "coco", "--allow-unknown")))
     assert "3 objects of classes that the model does not know: desk (2), whiteboard (1)" in told.out
 
 

@@ -13,7 +13,7 @@ OFFICE = ["desk", "whiteboard", "desk", "chair"]
 @pytest.fixture
 def home_map(semloc, write_corridor, tmp_path) -> Path:
     home = write_corridor(tmp_path / "home.json", HOME)
-    built = semloc("map", "build", home, "--model", "coco", "-o", tmp_path / "home.map")
+    built = semloc("map", "build", home, "--labelspace", "coco", "-o", tmp_path / "home.map")
     assert built.code == 0, built.err
     return tmp_path / "home.map"
 
@@ -42,10 +42,11 @@ def test_a_building_that_is_mostly_unknown_is_refused_with_its_classes_and_what_
         assert "--allow-unknown" in refused.err
         assert "--synonyms" in refused.err
         assert home_map.read_bytes() == before
-    refused = semloc("map", "build", office, "--model", "coco", "-o", tmp_path / "new.map")
+    refused = semloc("map", "build", office, "--labelspace", "coco", "-o", tmp_path / "new.map")
     assert refused.code == 2
     assert "desk (2)" in refused.err
     assert not (tmp_path / "new.map").exists()
+    assert semloc("map", "build", office, "-o", tmp_path / "new.map").code == 0, "by its own names it is a map"
 
 
 def test_it_is_taken_where_that_is_meant(semloc, write_corridor, home_map, tmp_path) -> None:
@@ -78,23 +79,17 @@ def test_numbers_that_are_the_maps_own_classes_are_no_news(semloc, write_corrido
     assert (built.code, built.err) == (0, "")
 
 
-def test_no_advice_to_name_classes_that_were_named(semloc, write_corridor, tmp_path) -> None:
+def test_no_advice_to_name_classes_that_were_named(semloc, write_corridor, home_map, tmp_path) -> None:
     ids = {"chair": (5,), "lamp": (11,), "table": (16,)}
-    classes = ["chair", "table", "lamp", "table"]
+    classes = ["table", "table", "lamp", "chair"]
     numbers = without_names(write_corridor(tmp_path / "numbers.json", classes, ids))
-    unnamed = semloc("map", "build", numbers, "-o", tmp_path / "a.map")
-    assert unnamed.code == 2
-    assert "--labelspace says which classes these numbers are" in unnamed.err
     named = semloc("map", "build", numbers, "--labelspace", "uhumans2_apartment", "-o", tmp_path / "a.map")
-    assert named.code == 2
-    assert "1 of 4 known" in named.err
-    assert "table (2), lamp (1)" in named.err
-    assert "--labelspace" not in named.err
-    words = ("map", "build", numbers, "--labelspace", "uhumans2_apartment", "--model", "coco", "-o", tmp_path / "a.map")
-    refused = semloc(*words)
-    assert refused.code == 2
-    assert "table (2), lamp (1)" in refused.err, "by the names that were given, not by numbers"
-    assert "--labelspace" not in refused.err
+    assert named.code == 0, named.err
+    assert "lamp" in semloc("map", "info", tmp_path / "a.map").out
+    names = semloc("map", "add", home_map, numbers, "--labelspace", "uhumans2_apartment")
+    assert names.code == 2
+    assert "table (2), lamp (1)" in names.err, "by the names that were given, not by numbers"
+    assert "--labelspace" not in names.err
 
 
 def test_a_scene_graph_in_place_of_a_labelspace_is_refused_at_once(semloc, write_corridor, tmp_path) -> None:
@@ -115,19 +110,22 @@ def test_a_map_that_refuses_is_a_whole_map(semloc, write_corridor, home_map, tmp
         assert there.execute("SELECT COUNT(*) FROM building").fetchone() == (1,), "both or none"
 
 
-def test_numbers_that_nobody_named_are_refused_by_build_and_add_alike(semloc, write_corridor, tmp_path) -> None:
-    """A map whose encoder was picked by names knows no numbers: an office's are not read as motorcycles."""
+def test_numbers_that_nobody_named_are_classes_of_a_map_of_their_own_and_refused_by_another(
+    semloc, write_corridor, tmp_path
+) -> None:
     home = write_corridor(tmp_path / "home.json", HOME)
     assert semloc("map", "build", home, "-o", tmp_path / "home.map").code == 0
     numbers = without_names(
         write_corridor(tmp_path / "numbers.json", ["chair", "table"], {"chair": (3,), "table": (9,)})
     )
-    for words in (("build", numbers, "-o", tmp_path / "b.map"), ("add", tmp_path / "home.map", numbers)):
-        refused = semloc("map", *words)
-        assert refused.code == 2
-        assert "class_3 (1), class_9 (1); --labelspace says which classes these numbers are" in refused.err
+    built = semloc("map", "build", numbers, "-o", tmp_path / "b.map")
+    assert built.code == 0, built.err
+    assert "class_9" in semloc("map", "info", tmp_path / "b.map").out
+    refused = semloc("map", "add", tmp_path / "home.map", numbers)
+    assert refused.code == 2
+    assert "class_3 (1), class_9 (1); --labelspace says which classes these numbers are" in refused.err
     names = tmp_path / "names.yaml"
-    names.write_text("synonyms: {3: chair, 9: dining table}")
+    names.write_text("synonyms: {3: chair, 9: couch}")
     added = semloc("map", "add", tmp_path / "home.map", numbers, "--synonyms", names)
     assert (added.code, added.err) == (0, "")
 
@@ -137,8 +135,8 @@ def test_what_a_person_says_of_numbers_wins_over_the_models(semloc, write_corrid
     numbers = without_names(write_corridor(tmp_path / "numbers.json", ["a", "b", "a", "b"], {"a": (3,), "b": (5,)}))
     names = tmp_path / "names.yaml"
     names.write_text("synonyms: {class_3: chair, class_5: Dining-Table}")
-    built = semloc("map", "build", numbers, "--model", "coco", "--synonyms", names, "-o", tmp_path / "a.map")
-    assert (built.code, built.err) == (0, "")
+    built = semloc("map", "build", numbers, "--labelspace", "coco", "--synonyms", names, "-o", tmp_path / "a.map")
+    assert built.code == 0, built.err
     told = semloc("map", "info", tmp_path / "a.map").out
     assert "dining table" in told
     assert "motorcycle" not in told
@@ -157,8 +155,8 @@ def test_what_a_person_says_of_numbers_wins_over_the_models(semloc, write_corrid
 
 def test_mostly_unknown_is_taken_without_a_model_where_that_is_meant(semloc, write_corridor, tmp_path) -> None:
     office = write_corridor(tmp_path / "office.json", OFFICE)
-    assert "--allow-unknown" in semloc("train", office, "--start", "coco", "-o", tmp_path / "a.model").err
-    built = semloc("map", "build", office, "--allow-unknown", "-o", tmp_path / "a.map")
+    assert "--allow-unknown" in semloc("train", office, "--labelspace", "coco", "-o", tmp_path / "a.model").err
+    built = semloc("map", "build", office, "--labelspace", "coco", "--allow-unknown", "-o", tmp_path / "a.map")
     assert built.code == 0, built.err
     assert "desk (2), whiteboard (1)" in built.err
 

@@ -1,0 +1,63 @@
+"""A wheel has all that the package has, and what it ships is read from it, away from the clone."""
+
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory) -> Path:
+    """Built of a copy, so that nothing is left in the clone."""
+    pytest.importorskip("setuptools.build_meta")
+    folder = tmp_path_factory.mktemp("wheel")
+    source = folder / "source"
+    source.mkdir()
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    shutil.copytree(ROOT / "semloc_core", source / "semloc_core", ignore=shutil.ignore_patterns("__pycache__"))
+    build = f"from setuptools import build_meta; build_meta.build_wheel({str(folder)!r})"
+    done = subprocess.run([sys.executable, "-c", build], cwd=source, capture_output=True, text=True, check=False)
+    if "invalid pyproject.toml config" in done.stderr + done.stdout:
+        pytest.skip("setuptools is older than what builds the package")
+    assert done.returncode == 0, done.stderr
+    (found,) = folder.glob("*.whl")
+    return found
+
+
+def test_a_wheel_has_every_file_of_the_package(wheel) -> None:
+    inside = set(zipfile.ZipFile(wheel).namelist())
+    there = {
+        path.relative_to(ROOT).as_posix()
+        for path in (ROOT / "semloc_core").rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    assert there - inside == set()
+    assert any(name.endswith("labelspaces/coco.yaml") for name in inside)
+    assert (
+        zipfile.ZipFile(wheel).read("semloc_core/cli/demo_files/office.map")
+        == (ROOT / "models/office.map").read_bytes()
+    )
+
+
+def test_it_runs_away_from_the_clone(wheel, tmp_path) -> None:
+    zipfile.ZipFile(wheel).extractall(tmp_path / "site")
+    away = {**os.environ, "PYTHONPATH": str(tmp_path / "site"), "OMP_NUM_THREADS": "1"}
+    reads = (
+        "import semloc_core, semloc_core.cli.demo as demo\n"
+        "from semloc_core.graph.labels.label_sets import label_sets\n"
+        "assert len(label_sets()['coco']) == 80\n"
+        "assert len(semloc_core.load_map(demo.FILES / 'office.map').buildings) == 1\n"
+        "assert len(list(semloc_core.read_run(demo.FILES / 'office_run.mcap'))) == 241\n"
+        "print(semloc_core.__file__)"
+    )
+    for words in (("-c", reads), ("-m", "semloc_core", "demo", "--help")):
+        found = subprocess.run([sys.executable, *words], cwd=tmp_path, env=away, capture_output=True, text=True)
+        assert found.returncode == 0, found.stderr
+        assert words[0] == "-m" or found.stdout.startswith(str(tmp_path)), found.stdout
