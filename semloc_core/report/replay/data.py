@@ -116,7 +116,7 @@ def read_results(
         MessageError: a message is not what its schema says.
 
     """
-    gathering = Gathering(loaded, truth_tolerance_s)
+    gathering = Gathering(loaded, truth_tolerance_s, FRAMES)
     matches, said = f"{node}/matches", [f"{node}/attributions", f"{node}/evidence"]
     own = [] if run is not None else [GROUND_TRUTH_TOPIC]
     reader = BagReader(results, [matches, *said, *own])
