@@ -25,15 +25,8 @@ from semloc_core.sources import BagWriter, read_messages, read_run
 
 ROOT = Path(__file__).parents[3]
 MAP = ROOT / "models" / "office.map"
-FLAGS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
+QUIET = ("quic", "gpu", "background-networking", "component-update", "sync")
+FLAGS = ["--no-sandbox", "--no-first-run", *(f"--disable-{what}" for what in QUIET)]
 
 
 @pytest.fixture(scope="module")
@@ -143,7 +136,7 @@ def test_it_plays_steps_and_tells_the_time(opened):
     assert "2 of " in tab.inner_text("#clock") != first
     tab.select_option("#speed", "20")
     tab.click("#play")
-    tab.wait_for_function("document.getElementById('seek').value === document.getElementById('seek').max")
+    tab.locator("#clock", has_text="10 of 10").wait_for()
     assert tab.locator(".seen").count() > 0
     assert tab.locator(".explains").count() > 0
     assert tab.locator(".bars .name").count() > 0
@@ -190,8 +183,9 @@ def test_the_live_page_follows_the_run(case, opened):
         assert address.startswith("http://127.0.0.1:")
         tab = opened(1400, address)
         feed.run(run, Reading(known=loaded.model.labelspace))
-        tab.wait_for_function("document.getElementById('lacks').textContent.includes('The run is over')")
+        tab.locator("#lacks", has_text="The run is over").wait_for()
         assert tab.locator("#robot").count() == 1
+        tab.close()
 
 
 def test_a_live_feed_has_what_the_report_has(case, data):
