@@ -172,7 +172,7 @@ def _weigh_all(
     for frame in data.frames:
         waiting.setdefault((frame.stamp_ns, frame.seq), []).append(frame)
     localiser, done = Localiser(loaded), 0
-    localiser.labels = None if reading is None else reading.labels()
+    localiser.live.labels = None if reading is None else reading.labels()
     for message in recorded:
         if message.text is None:
             continue

@@ -44,7 +44,7 @@ class Feed:
         loaded = self._gathering.data.buildings.loaded
         config = LocaliserConfig()
         localiser = Localiser(loaded, config)
-        localiser.labels = reading.labels()
+        localiser.live.labels = reading.labels()
         try:
             replay(
                 run, localiser, config, topic=topic, robot=robot, on_answer=self._on_answer, on_truth=self._on_truth
