@@ -32,8 +32,8 @@ $(VENV)/.test: $(VENV)/.tools
 
 # -- what users run -------------------------------------------------------------------------------------------
 
-demo: $(VENV)/.tools ## replay a simulated run against a map: matches, attributions, a report in out/demo
-	$(PY) -m semloc_core demo --force -o $(OUT)/demo
+demo: $(VENV)/.tools ## replay a simulated run (or one through DATA=a Hydra file) against a map; a page in out/demo
+	$(PY) -m semloc_core demo $(DATA) --force -o $(OUT)/demo
 
 test: lint types unit ## ruff, the order of the rooms, mypy and the whole test suite
 

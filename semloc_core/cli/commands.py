@@ -22,15 +22,13 @@ HELP = """Tells a robot where it is, and why it thinks so, from the semantics of
 A GRAPH is a Hydra scene-graph file (JSON, or .sparkdsg with spark_dsg installed).
 A RUN is a bag: a recording of scene-graph updates (rosbag2 folder or .mcap).
 
-From a building's graph to an explained answer:
+A first day, in order (in place of `office.json` and `run.mcap`, your own Hydra file and recording):
 
-    semloc train office.json -o office.model
-    semloc map build office.json --model office.model -o office.map
+    semloc world office -o office.json
+    semloc map build office.json -o office.map
     semloc bag simulate office.json -o run.mcap
     semloc replay run.mcap --map office.map -o results.mcap
-    semloc explain office.map office.json --near 3,4
-
-Without a graph of your own, `semloc world office -o office.json` makes one.
+    semloc view results.mcap --run run.mcap --map office.map
 
 Exit status: 0; 2 where words or files are wrong, with one line on stderr; 130 where it was stopped (143 by SIGTERM);
 141 where the reader of its output went away, as `head` does.

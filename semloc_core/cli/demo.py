@@ -1,4 +1,4 @@
-"""``semloc demo``: a run and a map that come with semloc; from an installed package too."""
+"""``semloc demo``: a run with difficulties and a map that come with semloc; from an installed package too."""
 
 from __future__ import annotations
 
@@ -13,9 +13,13 @@ from semloc_core.cli.shared.outputs import Force, Writes
 from semloc_core.files import FOLDER
 
 FILES = Path(str(resources.files("semloc_core.cli"))) / "demo_files"
+WALK = ("--distance", "40", "--range", "8")
 
 
 def demo(
+    data: Annotated[
+        Path | None, typer.Argument(metavar="[GRAPH]", help="Map and walk this building instead: a Hydra file.")
+    ] = None,
     output: Annotated[
         Path,
         typer.Option(
@@ -24,18 +28,30 @@ def demo(
     ] = Path("semloc_demo"),
     force: Force = False,
 ) -> None:
-    """Replay a simulated run through a generated office against its map; results and a page go to a folder."""
+    """Replay a simulated run against a map; results, and a page that plays it, go to a folder."""
     from semloc_core.cli.commands import run
 
     output.mkdir(parents=True, exist_ok=True)
-    results, page, map_ = output / "results.mcap", output / "report.html", str(FILES / "office.map")
-    again = ["--force"] if force else []
-    console.print("A simulated run through a generated office:")
-    replay = ["replay", str(FILES / "office_run.mcap"), "--map", map_, "-o", str(results)]
-    for words in (
-        [*replay, "--json", str(output / "figures.json"), *again],
-        ["report", "replay", str(results), "--map", map_, "-o", str(page), *again],
-    ):
-        if status := run(words):
+    results, page = str(output / "results.mcap"), str(output / "report.html")
+    map_, bag = str(FILES / "demo.map"), str(FILES / "demo_run.mcap")
+    made: list[list[str]] = []
+    if data is None:
+        console.print(
+            "All simulated: a generated office, its twin with half of its furniture, and a run that starts in the "
+            "dark, is carried elsewhere, then into the twin, and ends in a building that is not in the map."
+        )
+    else:
+        console.print(
+            f"A walk through {data}: the building is real, the walk and what the robot sees are simulated.",
+            markup=False,
+        )
+        map_, bag = str(output / "demo.map"), str(output / "run.mcap")
+        made = [["map", "build", str(data), "-o", map_], ["bag", "simulate", str(data), *WALK, "-o", bag]]
+    made += [
+        ["replay", bag, "--map", map_, "-o", results, "--json", str(output / "figures.json")],
+        ["report", "replay", results, "--run", bag, "--map", map_, "-o", page],
+    ]
+    for words in made:
+        if status := run([*words, *(["--force"] if force else [])]):
             raise typer.Exit(status)
-    console.print(f"\nThe same in pictures: {page}", markup=False)
+    console.print(f"\nWatch it think, in a browser: {page}", markup=False)

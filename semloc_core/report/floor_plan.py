@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from semloc_core.graph import SceneGraph
-from semloc_core.report.colours import INK, OTHER, OTHER_STYLE, RIGHT, SCALE, WRONG, ClassLooks
-from semloc_core.report.drawing import WIDTH, bare, figure, legend_below, points, shown
+from semloc_core.report.colours import INK, SCALE, WRONG
+from semloc_core.report.drawing import WIDTH, bare, figure, points
 from semloc_core.text import short_repr
 
 Floats = NDArray[np.float64]
@@ -99,113 +97,6 @@ def draw_building(axes: Axes, plan: Plan, *, objects: bool = False) -> None:
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
     axes.set_title(plan.name, loc="left")
-
-
-def building_figure(plan: Plan, classes: ClassLooks) -> Figure:
-    """A building as the map has it: places, the ways between them, objects by class.
-
-    Args:
-        plan: the building.
-        classes: all classes that the report shows, and how they look.
-
-    """
-    own, rest = classes.own, classes.rest
-    with figure(plan.height(legend_height(min(len(plan.objects), len(own) + 1)))) as drawn:
-        axes = drawn.add_subplot()
-        draw_building(axes, plan)
-        for name in [c for c in own if c in plan.objects]:
-            style = classes[name]
-            x, y = plan.objects[name].T
-            axes.scatter(
-                x, y, s=38, marker=style.marker, color=style.colour, edgecolors=INK, linewidths=0.5, zorder=3,
-                label=shown(f"{name} ({len(x)})"), gid=f"class-{own.index(name)}",
-            )  # fmt: skip
-        left = [plan.objects[c] for c in rest if c in plan.objects]
-        if left:
-            x, y = np.concatenate(left).T
-            label = f"{OTHER} ({len(x)})"
-            axes.scatter(x, y, s=14, zorder=2, color=OTHER_STYLE.colour, gid="class-other", label=label)
-        legend_below(drawn, axes, 0.2)
-    return drawn
-
-
-def path_figure(
-    plan: Plan, path: ArrayLike, path_right: ArrayLike, right: ArrayLike, wrong: ArrayLike, unjudged: ArrayLike,
-    probability: ArrayLike,
-) -> Figure:  # fmt: skip
-    """Where the robot was, and where the answers put it. A place that many answers name is drawn larger.
-
-    Args:
-        plan: the building.
-        path: (T, 2) true positions in order, metres; empty where they are not known. A row of NaN interrupts it.
-        path_right: (T,) whether the answer given there was right.
-        right, wrong: (n, 2) top matches that were within the match radius of the truth, and that were not.
-        unjudged: (n, 2) top matches without a truth to compare them with.
-        probability: (n,) of the unjudged ones; colours them.
-
-    """
-    path, unjudged = points(path), points(unjudged)
-    with figure(plan.height(legend_height(6), beside=0.9 if len(unjudged) else 0.0)) as drawn:
-        axes = drawn.add_subplot()
-        draw_building(axes, plan, objects=True)
-        if len(path):
-            _draw_path(axes, path, np.asarray(path_right, dtype=np.bool_))
-        _judged(axes, points(right), RIGHT, "o", "put here rightly", "right")
-        _judged(axes, points(wrong), WRONG, "X", "put here wrongly", "wrong")
-        if len(unjudged):
-            x, y = unjudged.T
-            marks = axes.scatter(
-                x, y, c=np.asarray(probability), cmap=SCALE, vmin=0, vmax=1, s=26, zorder=4,
-                edgecolors=INK, linewidths=0.4, label=f"put here ({len(unjudged)})", gid="unjudged",
-            )  # fmt: skip
-            drawn.colorbar(marks, ax=axes, label="probability", shrink=0.7)
-        legend_below(drawn, axes, 0.4)
-    return drawn
-
-
-def _draw_path(axes: Axes, path: Floats, right: NDArray[np.bool_]) -> None:
-    axes.plot(*path.T, color=INK, linewidth=1.6, solid_capstyle="round", label="true path", gid="path")
-    good = [path[i : i + 2] for i in np.flatnonzero(right[:-1]) if not np.isnan(path[i : i + 2]).any()]
-    if good:
-        look = {"colors": RIGHT, "linewidths": 4.0, "capstyle": "round", "label": "true path, answered rightly"}
-        axes.add_collection(LineCollection(good, zorder=2.5, gid="path-right", **look))
-    known = path[~np.isnan(path[:, 0])]
-    for name, marker, at in (("start", "o", known[0]), ("end", "s", known[-1])):
-        axes.plot(*at, marker, ls="", color="white", mec=INK, mew=1.6, ms=8, label=name, zorder=5, gid=name)
-
-
-def _judged(axes: Axes, at: Floats, colour: str, marker: str, label: str, gid: str) -> None:
-    if not len(at):
-        return
-    places, counts = np.unique(at, axis=0, return_counts=True)
-    x, y = places.T
-    axes.scatter(
-        x, y, s=22.0 + 110.0 * counts / counts.max(), color=colour, marker=marker, edgecolors=INK, linewidths=0.5,
-        zorder=4, alpha=0.85, label=f"{label} ({len(at)})", gid=gid,
-    )  # fmt: skip
-
-
-def confusion_figure(plan: Plan, places: ArrayLike, counts: Sequence[int], numbers: Sequence[int]) -> Figure:
-    """Where wrong answers fell: a numbered disc a place, its area as large as it was often taken.
-
-    Args:
-        plan: the building.
-        places: (n, 2) metres, the most frequent first.
-        counts: (n,) how often.
-        numbers: (n,) what to write on each.
-
-    """
-    places = points(places)
-    with figure(plan.height(0.15)) as drawn:
-        axes = drawn.add_subplot()
-        draw_building(axes, plan, objects=True)
-        if len(places):
-            area = 500.0 * np.asarray(counts) / max(counts)
-            x, y = places.T
-            axes.scatter(x, y, s=area, color=WRONG, alpha=0.45, edgecolors=INK, linewidths=0.8, gid="confusions")
-        for number, (x, y) in reversed(list(zip(numbers, places.tolist(), strict=True))):
-            axes.annotate(str(number), (x, y), ha="center", va="center", fontweight="bold")
-    return drawn
 
 
 def similarity_figure(

@@ -23,7 +23,7 @@ def test_the_shipped_run_is_replayed_and_drawn(semloc, monkeypatch, tmp_path, fo
     assert said.code == 0, said.err
     assert [words[0] for words in asked] == ["replay", "report"]
     shipped = [Path(word) for words in asked for word in words if "demo_files" in word]
-    assert {path.name for path in shipped} == {"office.map", "office_run.mcap"}
+    assert {path.name for path in shipped} == {"demo.map", "demo_run.mcap"}
     assert all(path.stat().st_size > 100_000 for path in shipped)
     assert all(("--force" in words) is force for words in asked)
     assert str(tmp_path / "shown" / "report.html") in said.out

@@ -16,20 +16,9 @@ READ = {
     *("--map", "--run", "--study", "--synonyms", "--labelspace", "--query-labels", "--model", "--start"),
     *("--distractors", "--grid"),
 }
-    "--map",
-    "--run",
-    "--study",
-    "--synonyms",
-    "--labelspace",
-    "--query-labels",
-    "--model",
-    "--start",
-    "--distractors",
-    "--grid",
-}
 """Options that name what is read. A new option that takes a path is declared with `Writes`, or listed here."""
 READ_ARGUMENTS = {
-    *("GRAPH", "GRAPH...", "GRAPH|MAP", "GRAPH|RUN", "[GRAPH|RUN]", "GRAPH|RUN...", "RUN", "RESULTS"),
+    *("GRAPH", "GRAPH...", "GRAPH|MAP", "GRAPH|RUN", "[GRAPH|RUN]", "GRAPH|RUN...", "RUN", "RESULTS", "[GRAPH]"),
     *("MAP", "MAP|URL", "ROOT", "[ROOT]", "FILE", "MAP.yaml", "OBJECTS"),
 }
 FILES = re.compile(r"FILE|FOLDER|HTML|PNG|MODEL|GRAPH|RUN|MAP|RESULTS|ROOT|STATE")

@@ -40,10 +40,7 @@ def test_a_wheel_has_every_file_of_the_package(wheel) -> None:
     }
     assert there - inside == set()
     assert any(name.endswith("labelspaces/coco.yaml") for name in inside)
-    assert (
-        zipfile.ZipFile(wheel).read("semloc_core/cli/demo_files/office.map")
-        == (ROOT / "models/office.map").read_bytes()
-    )
+    assert zipfile.ZipFile(wheel).read("semloc_core/cli/demo_files/demo.map") == (ROOT / "models/demo.map").read_bytes()
 
 
 def test_it_runs_away_from_the_clone(wheel, tmp_path) -> None:
@@ -54,7 +51,7 @@ def test_it_runs_away_from_the_clone(wheel, tmp_path) -> None:
         "from semloc_core.graph.labels.label_sets import label_sets\n"
         "assert len(label_sets()['coco']) == 80\n"
         "assert len(semloc_core.load_map(demo.FILES / 'office.map').buildings) == 1\n"
-        "assert len(list(semloc_core.read_run(demo.FILES / 'office_run.mcap'))) == 241\n"
+        "assert len(list(semloc_core.read_run(demo.FILES / 'demo_run.mcap'))) == 172\n"
         "print(semloc_core.__file__)"
     )
     for words in (("-c", reads), ("-m", "semloc_core", "demo", "--help")):

@@ -2,14 +2,10 @@
 
 import numpy as np
 import pytest
-from semloc_core.report.replay.time_figures import shares_figure
-from small_building import building_update
 
 from semloc_core.graph.labels.files import shipped_labelspaces
 from semloc_core.graph.labels.labelspace import load_labelspace
-from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.report.colours import OTHER_STYLE, OWN, ClassLooks, class_style
-from semloc_core.report.floor_plan import Plan, building_figure
 from semloc_core.report.introspection.figures import importance_figure, shift_figure
 
 SPACE = ("chair", "couch", "plant", "painting")
@@ -42,13 +38,9 @@ def test_looks_go_by_the_labelspace_whatever_a_picture_thinks_important() -> Non
 
 
 def test_all_figures_of_a_report_give_a_class_its_colour() -> None:
-    plan = Plan.of(SceneGraph.from_update(building_update()), "home")
-    assert set(plan.objects) == set(SPACE)
-    falling, rising = ClassLooks(SPACE, SPACE), ClassLooks(SPACE, SPACE[::-1])
+    rising = ClassLooks(SPACE, SPACE[::-1])
     objects = [name for name in SPACE for _ in range(2)]
     figures = {
-        "building": building_figure(plan, falling),
-        "shares": shares_figure([0.0, 1.0], {name: [0.25, 0.25] for name in SPACE}, rising),
         "importance": importance_figure(objects, {"saliency": np.arange(8.0)}, rising),
         "shift": shift_figure(rising, np.ones(4), np.ones(4)),
     }

@@ -86,7 +86,7 @@ def test_styles_differ_in_more_than_colour():
 
 @pytest.mark.parametrize("name", ["_hidden", "plain"])
 def test_a_class_whose_name_begins_with_an_underscore_is_in_the_legend(name):
-    from semloc_core.report.replay.time_figures import shares_figure
+    from semloc_core.report.introspection.figures import importance_figure
 
-    marks = Marks(shares_figure([0.0, 1.0], {name: [1.0, 1.0]}, ClassLooks([name], [name])))
+    marks = Marks(importance_figure([name], {"saliency": [1.0]}, ClassLooks([name], [name])))
     assert any(label.lstrip("\u200b") == name for label in marks.labels)

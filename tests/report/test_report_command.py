@@ -30,7 +30,7 @@ def test_a_study_goes_on_the_same_page(tmp_path):
     keep(study, tmp_path / "study.json")
     run("replay", results, "--map", path, "--study", tmp_path / "study.json", "-o", tmp_path / "r.html")
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
-    assert 'id="success"' in text
+    assert 'id="data"' in text
     assert 'id="rankings"' in text
     run("study", tmp_path / "study.json", "-o", tmp_path / "s.html")
     assert 'id="rankings"' in (tmp_path / "s.html").read_text(encoding="utf-8")
@@ -40,7 +40,7 @@ def test_truth_can_come_from_the_run(tmp_path):
     loaded, path = one_map(tmp_path)
     results = write_results(tmp_path / "r.mcap", loaded, walk(), truths=tmp_path / "run.mcap")
     run("replay", results, "--map", path, "--run", tmp_path / "run.mcap", "-o", tmp_path / "r.html")
-    assert 'id="success"' in (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "67% right" in (tmp_path / "r.html").read_text(encoding="utf-8")
 
 
 def test_a_picture_of_results_without_attributions_is_refused(tmp_path):

@@ -20,6 +20,7 @@ WHAT: dict[str, tuple[str, type[SemlocError]]] = {
     "GRAPH|MAP": ("a scene-graph file or a map", FileFormatError),
     "GRAPH|RUN...": ("a scene-graph file or a run", FileFormatError),
     "[GRAPH|RUN]": ("a scene-graph file or a run", FileFormatError),
+    "[GRAPH]": ("a scene graph", FileFormatError),
     "RUN": ("a bag", FileFormatError),
     "MAP.yaml": ("a map of nav2", FileFormatError),
     "OBJECTS": ("a list of objects", FileFormatError),

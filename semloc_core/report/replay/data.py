@@ -103,7 +103,7 @@ def read_results(
         results: the bag.
         loaded: the map that answered.
         run: the run that was answered; the ground truth is taken from it, and the test is taken apart at the rivals of
-            each answer. None: the results' own updates, where they have any.
+            each answer, if it has updates. None: the results' own, where they have any.
         topic, robot: which of the run's topics, see `semloc_core.sources.run.Run`.
         truth_tolerance_s: how far apart the stamps of an answer and of its ground truth may be.
         node: name of the node; its answers are on ``<node>/matches``, what they rest on on ``<node>/evidence``.
@@ -116,12 +116,12 @@ def read_results(
         MessageError: a message is not what its schema says.
 
     """
-    gathering = Gathering(loaded, truth_tolerance_s)
+    gathering = Gathering(loaded, truth_tolerance_s, FRAMES)
     matches, said = f"{node}/matches", [f"{node}/attributions", f"{node}/evidence"]
     own = [] if run is not None else [GROUND_TRUTH_TOPIC]
     reader = BagReader(results, [matches, *said, *own])
     messages: Iterator[BagMessage] = iter(reader)
-    updates = run or _own_run(results, topic, robot)
+    updates = _with_updates(run or results, topic, robot)
     if run is not None:
         recorded = Run(run, topic=topic, robot=robot, truth_only=True)
         truths = (m.raw._replace(topic=GROUND_TRUTH_TOPIC) for m in recorded if m.raw is not None)
@@ -151,13 +151,13 @@ def has_answers(bag: Path, node: str = "/localiser") -> bool:
         return False
 
 
-def _own_run(results: Path, topic: str | None, robot: str | None) -> Path | None:
-    """The results themselves, where the updates were recorded with them."""
+def _with_updates(bag: Path, topic: str | None, robot: str | None) -> Path | None:
+    """The bag if it has updates; a bag of truths alone, or of answers, has none."""
     try:
-        Run(results, topic=topic, robot=robot)
+        Run(bag, topic=topic, robot=robot)
     except SemlocError:
         return None
-    return results
+    return bag
 
 
 def _weigh_all(

@@ -2,11 +2,12 @@ import math
 
 import pytest
 from replay_cases import Step, one_map, walk, write_results
+from small_building import CLASSES
 
 from semloc_core.errors import BagError, MapError
 from semloc_core.replay.recorded import score_results
 from semloc_core.report.replay import data as replay_data
-from semloc_core.report.replay.data import confused_places, read_results
+from semloc_core.report.replay.data import read_results
 from semloc_core.report.replay.thinned import Thinned
 
 
@@ -21,9 +22,9 @@ def test_rows_are_those_of_the_replays_own_scoring(tmp_path):
 def test_each_answer_is_judged_against_the_truth_of_its_own_stamp(tmp_path, truth_first):
     loaded, _ = one_map(tmp_path)
     data = read_results(write_results(tmp_path / "r.mcap", loaded, walk(), truth_first=truth_first), loaded)
-    assert [p.right for p in data.points] == [i not in (3, 4, 5, 8) for i in range(12)]
-    assert [p.truth[1][0] for p in data.points] == [float(i) for i in range(12)]
-    assert [p.seconds for p in data.points] == [i * 0.5 for i in range(12)]
+    assert [p.right for p in data.frames] == [i not in (3, 4, 5, 8) for i in range(12)]
+    assert [p.truth.position[0] for p in data.frames] == [float(i) for i in range(12)]
+    assert [p.t for p in data.frames] == [i * 0.5 for i in range(12)]
 
 
 def test_truth_from_the_run_when_the_results_have_none(tmp_path):
@@ -31,7 +32,7 @@ def test_truth_from_the_run_when_the_results_have_none(tmp_path):
     run = tmp_path / "run.mcap"
     results = write_results(tmp_path / "r.mcap", loaded, walk(), truths=run)
     assert read_results(results, loaded).rows == []
-    assert all(p.right is None for p in read_results(results, loaded).points)
+    assert all(p.right is None for p in read_results(results, loaded).frames)
     whole = write_results(tmp_path / "whole.mcap", loaded, walk())
     assert read_results(results, loaded, run=run).rows == read_results(whole, loaded).rows != []
 
@@ -47,49 +48,38 @@ def test_a_stream_that_starts_again_keeps_its_truths(tmp_path):
             for message in read_messages(results):
                 bag.write_raw(message)
     data = read_results(tmp_path / "twice.mcap", loaded)
-    assert len(data.points) == 24
-    assert [p.right for p in data.points][12:] == [p.right for p in data.points][:12]
-
-
-def test_wrong_answers_are_counted_where_they_fell(tmp_path):
-    loaded, _ = one_map(tmp_path)
-    data = read_results(write_results(tmp_path / "r.mcap", loaded, walk()), loaded)
-    assert {key: place.count for key, place in data.wrong.items()} == {("home", "p25"): 2, ("home", "p26"): 1}
-    assert data.wrong["home", "p25"].mean_error_m == pytest.approx((22 + 21) / 2)
-    [((building, place), spot)] = confused_places(data.wrong)  # 1 m apart: one answer, so one spot
-    assert (building, place, spot.count) == ("home", "p25", 3)
-    assert spot.mean_error_m == pytest.approx((22 + 21 + 21) / 3)
-    assert data.wrong["home", "p25"].count == 2, "what was read is left as it was"
+    assert len(data.frames) == 24
+    assert [p.right for p in data.frames][12:] == [p.right for p in data.frames][:12]
 
 
 def test_a_match_in_another_building_has_no_error_in_metres(tmp_path):
     loaded, _ = one_map(tmp_path, "a", "b")
     steps = [Step([("b", 1.0)], ("a", 1.0)), Step([("a", 1.0)], ("a", 1.0)), Step([("a", 1.0)], ("odom", 1.0))]
     data = read_results(write_results(tmp_path / "r.mcap", loaded, steps), loaded)
-    assert [p.right for p in data.points] == [False, True, None]
+    assert [p.right for p in data.frames] == [False, True, None]
     assert data.unscored == 1
-    assert data.wrong["b", "p1"].elsewhere == 1
-    assert data.wrong["b", "p1"].mean_error_m is None
+    assert [p.off_m for p in data.frames] == [None, 0.0, None]
 
 
 def test_statuses_shares_latency(tmp_path):
     loaded, _ = one_map(tmp_path)
     data = read_results(write_results(tmp_path / "r.mcap", loaded, walk()), loaded)
     assert data.statuses == {"match": 8, "ambiguous": 3, "unknown": 1}
-    assert [s.seconds for s in data.shares] == [0.0, 1.0, 2.0, 3.0, 5.0]
+    assert [f.t for f in data.frames if f.attention] == [0.0, 1.0, 2.0, 3.0, 5.0]
+    assert next(iter(data.frames)).attention == [(CLASSES[0], 0.75), (CLASSES[1], 0.25)]
     assert data.p50_ms == pytest.approx(7.0, rel=0.02)
     assert data.best is not None
-    assert data.best[0].right is True
+    assert data.best.right is True
 
 
 def test_a_long_run_is_thinned_but_counted_whole(tmp_path, monkeypatch):
-    monkeypatch.setattr(replay_data, "POINTS", 16)
+    monkeypatch.setattr(replay_data, "FRAMES", 16)
     loaded, _ = one_map(tmp_path)
     steps = [Step([("home", 1.0)], ("home", 1.0)) for _ in range(100)]
     data = read_results(write_results(tmp_path / "r.mcap", loaded, steps), loaded)
     assert data.answers == 100
-    assert len(data.points) <= 16
-    assert [p.seconds for p in data.points] == [i * 0.5 * data.points.stride for i in range(len(data.points))]
+    assert len(data.frames) <= 16
+    assert [p.t for p in data.frames] == [i * 0.5 * data.frames.stride for i in range(len(data.frames))]
     assert data.rows[-1]["queries"] == 100
 
 
