@@ -34,6 +34,6 @@ __all__ = [
     "Aliasing", "Case", "LifeConfig", "MODELS", "SEEDS", "Study", "calibration_rows", "condition_rows",
     "draw_buildings", "evaluate_ablation", "evaluate_candidates", "evaluate_detections", "evaluate_layout",
     "evaluate_merge", "evaluate_office", "evaluate_online", "evaluate_relocalise", "evaluate_shortlist", "failures",
-    "home_cases", "map_aliasing", "office_variants", "reads_labels_only", "reliability_points", "status_rows", "study_trust",
-    "success_points", "threshold_rows", "world_cases", "worst",
+    "home_cases", "map_aliasing", "office_variants", "reads_labels_only", "reliability_points", "status_rows",
+    "study_trust", "success_points", "threshold_rows", "world_cases", "worst",
 ]  # fmt: skip
