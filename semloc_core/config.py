@@ -60,8 +60,8 @@ class LocaliserConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     filter: Annotated[
         Literal["none", "bayes"],
         Meta(
-            description="none: each answer by itself; bayes: by what has been seen, where it has been looked for, "
-            "and the way walked",
+            description="none: each answer by itself; bayes: those before it, from beyond the reach of its test, weigh "
+            "in too, by where each has the run's frame (with rerank: layout)",
         ),
     ] = "none"
     buildings: Annotated[

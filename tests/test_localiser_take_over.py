@@ -42,9 +42,9 @@ def test_counts_and_throttle_go_on_and_unknown_classes_are_counted_anew(maps):
     new.take_over(old)
     soon = new.update(delta(1, stamp_ns=1_100_000_000, query="p5"))
     assert soon.attributions is None
-    assert new.stream.counts["applied"] == 2
-    paintings = [o for o in new.stream.graph.objects.values() if o.class_ == CLASSES[-1]]
-    assert new.unknown_classes == {CLASSES[-1]: len(paintings)}
+    assert new.live.stream.counts["applied"] == 2
+    paintings = [o for o in new.live.stream.graph.objects.values() if o.class_ == CLASSES[-1]]
+    assert new.live.unknown_classes == {CLASSES[-1]: len(paintings)}
 
 
 def test_taking_over_before_there_is_a_graph(maps):

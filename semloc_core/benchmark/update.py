@@ -98,8 +98,8 @@ def _one_update(localiser: Localiser, peer: Peer, text: bytes) -> dict[str, tupl
     update = clocked("decode", lambda: wire.decode_update(text, localiser.config.max_update_bytes))
     clocked("apply", lambda: localiser.apply(update))
     watched(localiser.map.queries, "encode", "embed")
-    if localiser._surroundings is not None:
-        watched(localiser._surroundings, "batch", "extract")
+    if localiser.live.surroundings is not None:
+        watched(localiser.live.surroundings, "batch", "extract")
     located = clocked("locate", localiser.locate)
     query = located.query
     if located.best_row is None or query.batch is None:

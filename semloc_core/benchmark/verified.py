@@ -18,7 +18,7 @@ from semloc_core.encoding import Model, build_encoder, embed_graph
 from semloc_core.graph import GraphArrays, SceneGraph
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap, stored_building
-from semloc_core.matching import Located, confidence, fragment_of_graph
+from semloc_core.matching import Located, confidence, fragment_of_graph, most_similar
 from semloc_core.metrics import Progress, Row, no_progress
 from semloc_core.sources import KINDS, SimulationConfig, draw_pair, simulate_traversal
 from semloc_core.text import short_repr
@@ -93,13 +93,14 @@ def _one_update(localiser: Localiser, text: bytes) -> Times | None:
         return result
 
     located = clocked("all", lambda: _answered(localiser, text))
-    query, graph, reranker = located.query, localiser.stream.graph, localiser._reranker
+    query, graph, reranker = located.query, localiser.live.stream.graph, localiser._reranker
     if query.place is None or query.encoded is None or graph is None or reranker is None:
         return None
     place, verifier, labelspace = query.place, reranker._verifier, localiser.map.model.labelspace
-    raw, similarity = localiser._search(query.encoded.embedding[0].numpy())
+    z, top_n = query.encoded.embedding[0].numpy(), localiser.config.top_n
+    raw, similarity = most_similar(localiser.map, z, top_n, localiser._index)
     # The test once more, whole and in its parts.
-    tested = clocked(TEST, lambda: reranker.rank(graph, place, similarity, raw.rows, localiser.config.top_n))
+    tested = clocked(TEST, lambda: reranker.rank(graph, place, similarity, raw.rows, top_n))
     if tested is None:
         return None
     fragment = clocked(PARTS[0], lambda: fragment_of_graph(graph, labelspace, place, verifier.config))

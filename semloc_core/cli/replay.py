@@ -121,7 +121,7 @@ def replay(
     writer = TumWriter(tum, localiser.buildings) if tum is not None else None
     try:
         reading = Reading.of(labelspace, synonyms, localiser.map.model.labelspace)
-        labels = localiser.labels = reading.labels()
+        labels = localiser.live.labels = reading.labels()
         with writer or nullcontext():
             summary = run_replay(
                 run,

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from semloc_core.encoding.encoder.paper.encoder import PaperConfig, PaperEncoder
     from semloc_core.encoding.encoder.query import FEW, QueryEncoder
     from semloc_core.encoding.general import LEAST_KNOWN, load_general, load_model, pick_general
+    from semloc_core.encoding.live_graph import LiveGraph, Query
     from semloc_core.encoding.model import Model, embed_batch, embed_graph, embed_places
     from semloc_core.encoding.place_graph import extract, extract_all
     from semloc_core.encoding.place_graph.batch import Batch, batch_of_arrays
@@ -28,8 +29,9 @@ else:
 
 __all__ = [
     "BagOfWordsEncoder", "Bands", "Batch", "Encoded", "Encoder", "Extraction", "FEW", "HistogramEncoder",
-    "LEAST_KNOWN", "Model", "NODES_AT_ONCE", "Pairs", "PaperConfig", "PaperEncoder", "PerturbedEncoder",
-    "PlaceBatches", "QueryEncoder", "Surroundings", "TfidfEncoder", "batch_of_arrays", "build_encoder", "embed_batch",
-    "embed_graph", "embed_places", "extract", "extract_all", "free_space", "load_general", "load_model", "normal",
-    "pick_general", "place_cells", "products", "reach_all_batch", "repeat", "similarity_matrix", "take_stars", "union",
+    "LEAST_KNOWN", "LiveGraph", "Model", "NODES_AT_ONCE", "Pairs", "PaperConfig", "PaperEncoder", "PerturbedEncoder",
+    "PlaceBatches", "Query", "QueryEncoder", "Surroundings", "TfidfEncoder", "batch_of_arrays", "build_encoder",
+    "embed_batch", "embed_graph", "embed_places", "extract", "extract_all", "free_space", "load_general",
+    "load_model", "normal", "pick_general", "place_cells", "products", "reach_all_batch", "repeat",
+    "similarity_matrix", "take_stars", "union",
 ]  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from semloc_core import metrics
 from semloc_core.graph import Floats, GraphArrays, Ints
 from semloc_core.matching import (
-    SHARPNESS,
+    Confidence,
     Fragment,
     LayoutVerifier,
     Placed,
@@ -21,7 +21,7 @@ from semloc_core.matching import (
 )
 from semloc_core.metrics import PoseErrors
 from semloc_core.sources import Bools, Frame, Walk
-from semloc_core.tracking import MapModel
+from semloc_core.tracking import FrameFilter
 
 Similarities = NDArray[np.float32]
 
@@ -63,6 +63,31 @@ def fragments_along(walk: Walk, steps: Ints, verifier: LayoutVerifier, rng: np.r
     return found
 
 
+@dataclass(frozen=True, eq=False)
+class Past:
+    """A filter that sees answer after answer.
+
+    Args:
+        filter: goes on from what it knows.
+        buildings: names of the database's.
+        walked: (Q,) metres, by answer.
+
+    """
+
+    filter: FrameFilter
+    buildings: tuple[str, ...]
+    walked: Floats
+
+    def weighed(
+        self, sure: Confidence, verifier: LayoutVerifier, found: Verified, fragment: Fragment, q: int
+    ) -> Confidence:
+        """The q-th answer by all up to it."""
+        about = self.buildings, fragment.origin, float(self.walked[q]), fragment.drift
+        by = self.filter.believe(sure.answers, *about)
+        self.filter.observe(sure.answers, *about)
+        return sure.weighed(by, verifier.mapped, found.rows)
+
+
 def reranked(
     verifier: LayoutVerifier,
     fragments: list[Fragment],
@@ -70,6 +95,7 @@ def reranked(
     only: Bools | None = None,
     chances: Floats | None = None,
     places: list[Placed | None] | None = None,
+    past: Past | None = None,
 ) -> Ints:
     """(Q, N) answers, the verified ones first, then the most similar; N is what `metrics.RANKS` asks for.
 
@@ -80,6 +106,7 @@ def reranked(
         only: (M,) the places that the robot can be at; None for all.
         chances: (Q,) where to put the probability of the best answer.
         places: where to put where the robot's frame lies by the best answer.
+        past: weighs each answer by those before it; None: each by itself.
 
     """
     if only is not None:
@@ -94,6 +121,8 @@ def reranked(
         placing: Placed | None = None
         if found is not None:
             sure = confidence(found, fragment, verifier.mapped)
+            if past is not None:
+                sure = past.weighed(sure, verifier, found, fragment, q)
             if chances is not None:
                 chances[q] = sure.probability.max()
             rest = best[q][~np.isin(best[q], found.rows)]
@@ -118,21 +147,3 @@ def add_error(errors: PoseErrors, placing: Placed | None, fragment: Fragment, tr
 def sureness(verifier: LayoutVerifier, found: Verified, fragment: Fragment) -> float:
     """P(the best place is within the match radius of the robot, and on its storey)."""
     return float(confidence(found, fragment, verifier.mapped).probability.max())
-
-
-def verified_evidence(
-    places: MapModel,
-    verifier: LayoutVerifier,
-    fragments: list[Fragment],
-    similarity: Similarities,
-    evidence: Similarities,
-) -> Similarities:
-    """(T, M) the filter's evidence (T, M) after each step's fragment was verified."""
-    rows = []
-    for step, fragment in enumerate(fragments):
-        found = verifier.verify(fragment, similarity[step])
-        if found is None:
-            rows.append(evidence[step])
-        else:
-            rows.append(places.tested(evidence[step], found.rows, found.score.astype(np.float32), SHARPNESS))
-    return np.stack(rows)

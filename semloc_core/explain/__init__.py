@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from semloc_core.exports import exports
 
 if TYPE_CHECKING:
-    from semloc_core.explain.attributions import EXPLAINER_SEED, answer_evidence, explain_answer
+    from semloc_core.explain.attributions import EXPLAINER_SEED, answer_evidence, due, explain_answer
     from semloc_core.explain.class_shift import ClassShift, Shift
     from semloc_core.explain.explainers.by_name import CONTROLS, EXPLAINERS, check_methods, explain
     from semloc_core.explain.explainers.integrated_gradients import BASELINES, integrated_gradients
@@ -25,6 +25,6 @@ else:
 __all__ = [
     "BASELINES", "BUDGET", "BUDGETS", "CONTROLS", "ClassShift", "EXPLAINERS", "EXPLAINER_SEED", "FidelityCurve",
     "LAYOUT", "ObjectScores", "Shift", "SimilarityQuery", "answer_evidence", "answer_query", "asked_methods",
-    "check_asked", "check_methods", "class_scores", "class_shapley", "explain", "explain_answer", "explain_pair",
-    "fidelity_curves", "find_row", "integrated_gradients", "inverted", "object_scores",
+    "check_asked", "check_methods", "class_scores", "class_shapley", "due", "explain", "explain_answer",
+    "explain_pair", "fidelity_curves", "find_row", "integrated_gradients", "inverted", "object_scores",
 ]  # fmt: skip

@@ -27,6 +27,17 @@ def answer_evidence(located: Located) -> ClassAttributions | None:
     return _message(located, said, said.walls)
 
 
+def due(located: Located, config: LocaliserConfig, last_ns: int | None) -> bool:
+    """Whether an explanation is due for an answer, by ``explain_rate_hz``, after one for the stamp ``last_ns``."""
+    rate, now = config.explain_rate_hz, located.query.stamp_ns
+    if located.best_row is None or rate <= 0:
+        return False
+    if config.explainer == LAYOUT and located.evidence is None:
+        return False  # the place was not put to the test that is to be explained
+    # Half a millisecond of grace: stamps of a steady stream jitter by rounding.
+    return last_ns is None or not last_ns <= now < last_ns + 1e9 / rate - 5e5
+
+
 def explain_answer(located: Located, config: LocaliserConfig) -> ClassAttributions:
     """Say which classes and objects carried an answer, and how well that holds when put to the test.
 

@@ -11,7 +11,6 @@ from semloc_core.encoding import Model
 from semloc_core.fleet.source import BuildingEntry, Fetched
 from semloc_core.map_database import LoadedMap, Whole, assemble, content_hash
 from semloc_core.matching import LayoutPart, LayoutVerifier, layout_part, share_verifier
-from semloc_core.tracking import MapModel, MapPart, filter_part, joined_model
 
 Key = tuple[str, str]
 
@@ -23,11 +22,10 @@ def key_of(entry: BuildingEntry, name: str) -> Key:
 
 @dataclass(eq=False)
 class _Held:
-    """A building, and what verification and filter need of it, once they do."""
+    """A building, and what verification needs of it, once it does."""
 
     fetched: Fetched
     layout: LayoutPart | None = None
-    filter: MapPart | None = None
 
 
 class Holdings:
@@ -75,21 +73,16 @@ class Holdings:
     def ready(self, key: Key, config: LocaliserConfig) -> bool:
         """Whether a building is there with all that these options need of it."""
         held = self._held.get(key)
-        return held is not None and not _wanted(held, config)
+        return held is not None and (config.rerank != "layout" or held.layout is not None)
 
     def prepare(self, key: Key, name: str, model: Model, whole: Whole, config: LocaliserConfig) -> None:
         """Make what these options need of a building, if that is not there yet."""
         held = self._held[key]
-        wanted = _wanted(held, config)
-        if wanted:
-            alone = self._map(name, model, whole, [held])
-            held.layout = layout_part(alone, key[0]) if "layout" in wanted else held.layout
-            held.filter = filter_part(alone, key[0]) if "filter" in wanted else held.filter
+        if not self.ready(key, config):
+            held.layout = layout_part(self._map(name, model, whole, [held]), key[0])
 
-    def map_of(
-        self, keys: Sequence[Key], name: str, model: Model, whole: Whole, config: LocaliserConfig
-    ) -> tuple[LoadedMap, MapModel | None]:
-        """A map of some buildings, with its verifier; and what the filter needs of it.
+    def map_of(self, keys: Sequence[Key], name: str, model: Model, whole: Whole, config: LocaliserConfig) -> LoadedMap:
+        """A map of some buildings, with its verifier.
 
         The buildings used longest ago are let go of where there are too many.
 
@@ -98,7 +91,7 @@ class Holdings:
             name: of the whole map.
             model: of the whole map.
             whole: what these are a part of.
-            config: says whether there is verification, and a filter.
+            config: says whether there is verification.
 
         """
         for key in keys:
@@ -109,9 +102,8 @@ class Holdings:
         layouts = [one.layout for one in held if one.layout is not None]
         if config.rerank == "layout" and layouts:
             share_verifier(loaded, LayoutVerifier.joined(layouts))
-        parts = [one.filter for one in held if one.filter is not None]
         self._trim(keep=len(held))
-        return loaded, joined_model(parts) if config.filter == "bayes" and parts else None
+        return loaded
 
     @staticmethod
     def _map(name: str, model: Model, whole: Whole, held: Sequence[_Held]) -> LoadedMap:
@@ -126,9 +118,3 @@ class Holdings:
             if places <= self._most:
                 return
             places -= self._held.pop(key).fetched.entry.n_places
-
-
-def _wanted(held: _Held, config: LocaliserConfig) -> set[str]:
-    """What is to be made of a building before it can be answered from."""
-    wanted = {"layout"} if config.rerank == "layout" and held.layout is None else set()
-    return wanted | ({"filter"} if config.filter == "bayes" and held.filter is None else set())

@@ -25,8 +25,7 @@ from semloc_core.fleet.source import Catalogue
 from semloc_core.graph import Labelspace
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap, Whole, assemble, matching_buildings
-from semloc_core.matching import Located, Query, ServerState
-from semloc_core.tracking import Tracker
+from semloc_core.matching import Located, Reply, ServerState
 from semloc_core.wire import MapInfo
 
 BELIEVED = 0.05
@@ -67,27 +66,26 @@ class FleetLocaliser(Localiser):
         self._catalogue: Catalogue | None = None
         self._sizes: Mapping[str, int] = {}
         self._keys: tuple[Key, ...] = ()
-        self._before: Tracker | None = None
         super().__init__(_nothing(link.name), config or LocaliserConfig())
         self.map_info = self._model_info = None
 
     # -- what differs from a map in memory -----------------------------------------------------------------------
 
-    def _locate(self, place: str | None) -> Located:
-        graph = self.stream.graph
+    def _locate(self, place: str | None, observed: bool) -> Located:
+        graph = self.live.graph
         if graph is None:
-            return super()._locate(place)
+            return super()._locate(place, observed)
         try:
             self.refresh()
-            query = self._embed(place)
+            query = self.live.query(place, self.map)
             if query.encoded is not None:
                 self._focus(query.encoded.embedding[0].numpy())
         except MapError as error:
             if self._link.outage_s:  # who waited for the server does not go on without it
                 raise
-            query = Query(self._stamp_ns, self._seq, place or graph.query_place, reason=str(error))
-            return Located(query, self._message(query, "no_graph"), self.map)
-        return self._answer(query, observed=place is None)
+            query = self.live.unasked(place or graph.query_place, str(error))
+            return Reply(query, self.map, self.config, self.map_info, self._model_info).nothing("no_graph")
+        return self._answer(query, observed)
 
     @property
     def buildings(self) -> tuple[str, ...]:
@@ -99,11 +97,6 @@ class FleetLocaliser(Localiser):
         made = type(self)(self._link.shared(), config or self.config, self._limits, self._patience_s, self.holdings)
         made.map_info, made._model_info = self.map_info, self._model_info
         return made
-
-    def take_over(self, other: Localiser) -> None:
-        """As `Localiser.take_over`; a belief is carried over to the places that this map has too."""
-        super().take_over(other)
-        self._before = other._tracker
 
     def keep_up(self) -> None:
         """See whether the map has changed, or whether its server is there again."""
@@ -151,7 +144,7 @@ class FleetLocaliser(Localiser):
         if model is not self.map.model:
             self.holdings.keep_for(catalogue.model_hash)
             self._show(())
-            self._look_again(None)
+            self.live.read_by(model)
         elif before is None or changes != before.changes:
             self.holdings.forget_weights()
             self._show(self._keys)
@@ -179,10 +172,10 @@ class FleetLocaliser(Localiser):
         limits, sizes = self._limits, self._sizes
         if len(sizes) <= limits.buildings and sum(sizes.values()) <= limits.places:
             return tuple(sizes)
+        believed = self._filter.buildings(BELIEVED) if self._filter is not None else ()
         nearest = self._link.nearest(z, limits.nearest, tuple(sizes) if self.config.buildings else None)
         if nearest is None:
             return None
-        believed = self._tracker.likely_buildings(BELIEVED) if self._tracker is not None else ()
         return shortlist(nearest, sizes, self.map.model.temperature, limits, self.map.buildings, believed)
 
     def _fetched(self, names: Sequence[str], until: float) -> tuple[Key, ...] | None:
@@ -208,15 +201,8 @@ class FleetLocaliser(Localiser):
         """Answer from these buildings, by rising name, from now on."""
         model = self._link.model
         assert model is not None
-        believed = self._tracker or self._before
-        loaded, filter_model = self.holdings.map_of(keys, self._link.name, model, self._whole, self.config)
-        self._serve(loaded, filter_model)
+        self._serve(self.holdings.map_of(keys, self._link.name, model, self._whole, self.config))
         self._keys = keys
-        if believed is not None and self._tracker is not None:
-            self._tracker.carry_over(believed)
-            self._before = None
-        elif believed is not None:
-            self._before = believed
 
 
 def _nothing(name: str) -> LoadedMap:

@@ -3,44 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.encoding import Batch, Encoded
+from semloc_core.config import LocaliserConfig
+from semloc_core.encoding import Query
 from semloc_core.graph import Outcome
-from semloc_core.map_database import LoadedMap
+from semloc_core.map_database import LoadedMap, frame_of
 from semloc_core.matching.layout.evidence import Evidence
 from semloc_core.matching.layout.pose.placed import NO_YAW, Placed
-from semloc_core.matching.posterior import Ranking
+from semloc_core.matching.posterior import IN_MAP, Ranking, Similarities
+from semloc_core.matching.reranker import Reranked, Reranker
 from semloc_core.text import short_repr
-from semloc_core.wire import ClassAttributions, Match, PlaceMatches, Pose, Transform
+from semloc_core.wire import ClassAttributions, MapInfo, Match, ModelInfo, PlaceMatches, Pose, Status, Transform
 
 DIGITS, FARTHEST_M = 6, 1e9
 """Of poses: as a message has them. Beyond, they hang on the order in which a product was summed."""
-
-
-@short_repr
-@dataclass(frozen=True, eq=False)
-class Query:
-    """One question: where is ``place``, in the graph as it was after update ``seq``? Nothing in it changes later.
-
-    ``batch`` and ``encoded`` are None where there was nothing to embed; ``reason`` then says why.
-    """
-
-    stamp_ns: int
-    seq: int
-    place: str | None
-    batch: Batch | None = None
-    encoded: Encoded | None = None
-    class_names: tuple[str, ...] = ()
-    reason: str = ""
-
-    def because(self, reason: str) -> Query:
-        """The same question, which has no answer for this reason."""
-        return Query(self.stamp_ns, self.seq, self.place, reason=reason)
 
 
 @short_repr
@@ -97,6 +78,101 @@ class ServerState:
     answers: bool
     line: str
     values: dict[str, str]
+
+
+@short_repr
+@dataclass(frozen=True, eq=False)
+class Reply:
+    """The answer to a question, before it is known.
+
+    Args:
+        query: the question.
+        map: answers it.
+        config: of the localiser.
+        map_info: what is said of the map; None while it is not known.
+        model_info: the same of its model.
+
+    """
+
+    query: Query
+    map: LoadedMap
+    config: LocaliserConfig
+    map_info: MapInfo | None
+    model_info: ModelInfo | None
+
+    @property
+    def n_places(self) -> int:
+        """Of the whole map."""
+        return 0 if self.map_info is None else self.map_info.places
+
+    def nothing(self, status: Status) -> Located:
+        """There is no match."""
+        return Located(self.query, self._message(status), self.map)
+
+    def answer(
+        self,
+        raw: Ranking,
+        similarity: Similarities,
+        stands: tuple[NDArray[np.float64], float | None],
+        reranker: Reranker | None,
+        tested: Reranked | None,
+    ) -> Located:
+        """Say how likely which places are.
+
+        Args:
+            raw: what the search makes of it.
+            similarity: (M,) of the query to all places of the map.
+            stands: (3,) where the robot is in its frame, metres, and its heading there where that is known.
+            reranker: puts answers to the test; None where that is not asked for.
+            tested: what came of it; None where nothing fitted.
+
+        """
+        ranking = tested.ranking if tested is not None else raw if reranker is None else raw.doubted()
+        best = int(ranking.rows[0])
+        accepted = ranking.probability[best] >= self.config.accept_probability
+        rivals = ranking.rivals()[: 0 if accepted else self.config.top_n]
+        places: Mapping[int, Placed] = {}
+        if reranker is not None and tested is not None:
+            places = reranker.placed(tested, [*ranking.rows.tolist(), *rivals.tolist()])
+        poses = {row: pose_in(place, *stands) for row, place in places.items()}
+        matches = matches_of(self.map, ranking.rows, ranking, similarity, poses)
+        message = self._message(
+            "match" if accepted else "ambiguous" if ranking.in_map >= IN_MAP else "unknown",
+            matches=matches,
+            rivals=matches_of(self.map, rivals, ranking, similarity, poses),
+            raw_matches=matches_of(self.map, raw.rows, raw, similarity) if ranking is not raw else None,
+            calibrated=reranker is not None,
+            transform=transform_of(places[best]) if best in places else None,
+        )
+        evidence = reranker.evidence(tested, best) if reranker is not None and tested is not None else None
+        return Located(self.query, message, self.map, best, evidence)
+
+    def _message(
+        self,
+        status: Status,
+        matches: Sequence[Match] = (),
+        rivals: Sequence[Match] = (),
+        raw_matches: list[Match] | None = None,
+        calibrated: bool = False,
+        transform: Transform | None = None,
+    ) -> PlaceMatches:
+        building = matches[0].map if matches else None
+        return PlaceMatches(
+            schema="semloc/place_matches/1",
+            stamp_ns=self.query.stamp_ns,
+            frame_id=frame_of(self.config.frame_id, self.map.all_buildings, building),
+            seq=self.query.seq,
+            query_place=self.query.place,
+            status=status,
+            matches=list(matches),
+            raw_matches=raw_matches,
+            rivals=list(rivals),
+            map=self.map_info,
+            model=self.model_info,
+            calibrated=calibrated,
+            latency_ms=None,
+            transform=transform,
+        )
 
 
 def matches_of(

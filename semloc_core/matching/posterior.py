@@ -8,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from semloc_core.map_database import LoadedMap
+from semloc_core.matching.radius_index import RadiusIndex
 from semloc_core.text import short_repr
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
+Similarities = NDArray[np.float32]
 CANDIDATES = 256
 """How many of the most similar places are looked at for rivals; the rest is too unlike to be one."""
-RIVALS = 20
-"""How many separate answers of a filter are looked at for rivals."""
 IN_MAP = 0.5
 """Below this probability of being in the map at all, an answer that is not accepted is unknown, not ambiguous."""
 RIVAL_RATIO = 0.5
@@ -44,6 +45,15 @@ class Ranking:
         best = self.probability[int(self.rows[0])]
         elsewhere = [r for r in self.separate[1:].tolist() if self.probability[r] >= RIVAL_RATIO * best]
         return np.array(sorted(elsewhere, key=lambda row: -self.probability[row]), dtype=np.int64)
+
+
+def most_similar(loaded: LoadedMap, z: Similarities, n: int, index: RadiusIndex) -> tuple[Ranking, Similarities]:
+    """The places most similar to an embedding (D,), ``n`` to be shown; (M,) similarities to all places."""
+    rows, _, everywhere = loaded.index.everywhere(z, max(CANDIDATES, n))
+    shown, separate = rows[:n], np.array(modes(rows, index.within), dtype=np.int64)
+    asked = np.concatenate([shown, separate])
+    chances = place_probabilities(everywhere, loaded.model.temperature, asked, index.within)
+    return Ranking(shown, separate, dict(zip(asked.tolist(), chances.tolist(), strict=True))), everywhere
 
 
 def place_probabilities(

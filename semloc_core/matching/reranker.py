@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from semloc_core.graph import Ages, GraphArrays, SceneGraph
 from semloc_core.map_database import LoadedMap, object_weights
 from semloc_core.matching.layout import LayoutPart, LayoutVerifier, Verified, fragment_of_graph
-from semloc_core.matching.layout.confidence import confidence
+from semloc_core.matching.layout.confidence import Answers, confidence
 from semloc_core.matching.layout.evidence import Evidence, evidence
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.pose.placed import Placed, placed
@@ -75,12 +75,14 @@ class Reranked:
         ranking: the places tested and the search's, by falling probability.
         verified: the test itself.
         fragment: what was put to it.
+        answers: what it alone says.
 
     """
 
     ranking: Ranking
     verified: Verified
     fragment: Fragment
+    answers: Answers
 
 
 class Reranker:
@@ -108,6 +110,7 @@ class Reranker:
         ages: Ages | None = None,
         only: NDArray[np.bool_] | None = None,
         robot: Floats | None = None,
+        past: Callable[[Answers], Floats] | None = None,
     ) -> Reranked | None:
         """Test the likeliest places of the map for one place of a graph.
 
@@ -120,6 +123,7 @@ class Reranker:
             ages: of the graph's objects; None: all are new.
             only: (M,) bool, the places that the robot can be at; None for all.
             robot: (3,) metres, where in the graph's frame it is; None: at the place.
+            past: says by how much each of the A answers, (A,), is likelier by what was before; None: as they say.
 
         Returns:
             The answer; None where no object around the robot fits anything in the map.
@@ -131,7 +135,9 @@ class Reranker:
         found = verifier.verify(fragment, similarity, only)
         if found is None:
             return None
-        sure = confidence(found, fragment, verifier.mapped, robot=robot)
+        sure = present = confidence(found, fragment, verifier.mapped, robot=robot)
+        if past is not None:
+            sure = present.weighed(past(present.answers), verifier.mapped, found.rows)
         order = sure.order
         tested = found.rows[order]
         known = set(tested.tolist())
@@ -145,11 +151,11 @@ class Reranker:
         rows = rows[np.argsort(-chances, kind="stable")]
         apart = rows[np.isin(rows, [*tested.tolist(), *beside])]
         shown, separate = rows[:top_n], np.array(modes(apart, self._within), dtype=np.int64)
-        return Reranked(Ranking(shown, separate, probability, sure.in_map), found, fragment)
+        return Reranked(Ranking(shown, separate, probability, sure.in_map), found, fragment, present.answers)
 
-    def placed(self, tested: Reranked, rows: Sequence[int], near: bool = False) -> Mapping[int, Placed]:
+    def placed(self, tested: Reranked, rows: Sequence[int]) -> Mapping[int, Placed]:
         """Where the robot's frame lies in the buildings of rows of the map, see `layout.pose.placed`."""
-        return placed(self._verifier.mapped, tested.fragment, tested.verified, rows, near)
+        return placed(self._verifier.mapped, tested.fragment, tested.verified, rows)
 
     def evidence(self, tested: Reranked, row: int) -> Evidence | None:
         """What the test rests on at a row of the map; None for one that was not tested."""

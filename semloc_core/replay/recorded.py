@@ -128,7 +128,7 @@ def replay(
     localiser = map_ if isinstance(map_, Localiser) else Localiser(map_, config)
     left_out = set(localiser.map.all_buildings) - set(localiser.buildings)
     score = TraversalScore(localiser.buildings, sorted(left_out), localiser.same_storey, localiser.chance)
-    labels = localiser.labels
+    labels = localiser.live.labels
     reading = labels.reading if labels is not None else Reading(known=localiser.map.model.labelspace)
     recorded = Run(run, topic=topic, robot=robot, truth_topic=truth_topic, reading=reading)
     matcher: TruthMatcher[wire.PlaceMatches] = TruthMatcher(round(truth_tolerance_s * 1e9), _WAITING)
@@ -159,7 +159,7 @@ def replay(
             _score(score, matcher.item(answer.matches.stamp_ns, answer.matches))
             if writer is not None:
                 writer.write_string(MATCHES_TOPIC, message.received_ns, wire.encode(answer.matches).decode())
-                if (pose := _pose(answer.matches, localiser.odometry)) is not None:
+                if (pose := _pose(answer.matches, localiser.live.odometry)) is not None:
                     writer.write(POSE_TOPIC, POSE_WITH_COVARIANCE, message.received_ns, pose)
                 for name, why in ((ATTRIBUTIONS_TOPIC, answer.attributions), (EVIDENCE_TOPIC, answer.evidence)):
                     if why is not None:
@@ -173,9 +173,9 @@ def replay(
     _score(score, matcher.rest())
     summary.truths, summary.matched, summary.truth_apart_ns = matcher.seen, matcher.matched, matcher.largest_ns
     summary.counts.update(recorded.passed_over)
-    summary.counts.update(localiser.stream.counts)
-    summary.unknown_classes = localiser.unknown_classes
-    graph = localiser.stream.graph
+    summary.counts.update(localiser.live.stream.counts)
+    summary.unknown_classes = localiser.live.unknown_classes
+    graph = localiser.live.stream.graph
     if summary.unknown_classes and graph is not None:
         names = [thing.class_ for thing in graph.objects.values()]
         summary.all_unknown = all_unknown(names, localiser.map.model.labelspace) or ""

@@ -39,3 +39,26 @@ class Hint:
             off = np.linalg.norm(loaded.positions[rows][:, :2] - np.array(self.position), axis=1)
             found[rows] = off <= self.radius_m + walked_m
         return found
+
+
+class Hinted:
+    """A hint, for as long as it holds.
+
+    Args:
+        hint: what was said.
+        walked: metres that the robot had walked by then.
+
+    """
+
+    def __init__(self, hint: Hint, walked: float) -> None:
+        self._hint: Hint | None = hint
+        self._walked = walked
+
+    def allowed(self, loaded: LoadedMap, walked: float) -> NDArray[np.bool_] | None:
+        """(M,) bool, where the robot can be by it after so many metres in all; None: anywhere."""
+        since = walked - self._walked
+        if self._hint is None or since > LASTS_M:
+            self._hint = None
+            return None
+        allowed = self._hint.allows(loaded, since)
+        return allowed if allowed.any() else None

@@ -200,7 +200,7 @@ def _updates_line(worker: Worker, stale_after_s: float) -> Line:
 
 def _map_line(worker: Worker) -> Line:
     localiser = worker.localiser
-    loaded, info, unknown = localiser.map, localiser.map_info, dict(localiser.unknown_classes)
+    loaded, info, unknown = localiser.map, localiser.map_info, dict(localiser.live.unknown_classes)
     if info is None:
         return Line("map", "error", f"map {loaded.name} is not known yet: its server has not answered", {})
     model, buildings = loaded.model, localiser.buildings

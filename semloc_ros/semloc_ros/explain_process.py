@@ -27,11 +27,11 @@ from multiprocessing.connection import Connection
 
 from semloc_core import wire
 from semloc_core.config import LocaliserConfig
+from semloc_core.encoding import Query
 from semloc_core.errors import SemlocError
 from semloc_core.explain import answer_query, explain_answer
-from semloc_core.localiser import Located, Query
 from semloc_core.map_database import LoadedMap
-from semloc_core.matching import Evidence
+from semloc_core.matching import Evidence, Located
 
 READY = -1
 NICENESS = 5

@@ -38,7 +38,7 @@ from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.errors import SemlocError
 from semloc_core.explain import LAYOUT, explain_answer
-from semloc_core.localiser import Located
+from semloc_core.matching import Located
 from semloc_ros.explain_process import READY, Question, Reply
 
 FALLBACK = "attention"

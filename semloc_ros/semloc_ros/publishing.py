@@ -28,7 +28,8 @@ from visualization_msgs.msg import MarkerArray
 from semloc_core import wire
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.graph import SceneGraph
-from semloc_core.localiser import Localiser, Located
+from semloc_core.localiser import Localiser
+from semloc_core.matching import Located
 from semloc_core.wire import matched_pose, moved
 from semloc_ros import conversions, qos
 from semloc_ros.markers import (

@@ -28,8 +28,9 @@ from semloc_core import wire
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import SemlocError
 from semloc_core.explain import ClassShift
-from semloc_core.localiser import Localiser, Located
+from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
+from semloc_core.matching import Located
 from semloc_core.tracking import Hint
 from semloc_ros.diagnostics import Diagnostics, Line
 from semloc_ros.explaining import Explaining
@@ -198,8 +199,8 @@ class Session:
         self._diagnostics.answered(answer, latency_ms)
         evidence = localiser.evidence(located)
         if evidence is not None:
-            self._publishing.evidence(evidence, answer, localiser.stream.graph)
-        self._publishing.query(answer, localiser.stream.graph)
+            self._publishing.evidence(evidence, answer, localiser.live.stream.graph)
+        self._publishing.query(answer, localiser.live.stream.graph)
         if answer.explain:
             self.explaining.explain(located, localiser.config)
         if located.best_row is not None and self._shift_lock.acquire(blocking=False):

@@ -31,7 +31,8 @@ from typing import Any, TypeVar
 
 from semloc_core.errors import GraphError, MessageError, SemlocError
 from semloc_core.graph import Outcome
-from semloc_core.localiser import Localiser, Located
+from semloc_core.localiser import Localiser
+from semloc_core.matching import Located
 from semloc_core.wire import SceneGraphUpdate, decode_update
 
 T = TypeVar("T")
@@ -189,7 +190,7 @@ class Worker:
 
     def stream_counts(self) -> Counter[str]:
         """How many updates had which outcome, see `semloc_core.graph.changes.stream.UpdateStream.counts`."""
-        return Counter(self._localiser.stream.counts)
+        return Counter(self._localiser.live.stream.counts)
 
     @property
     def localiser(self) -> Localiser:
@@ -229,7 +230,7 @@ class Worker:
 
     def _forget(self, old: Localiser) -> None:
         new = old.renewed()
-        new.stream.counts, new.unknown_classes = old.stream.counts, old.unknown_classes
+        new.live.count_on(old.live)
         self._localiser = new
         old.close()
 

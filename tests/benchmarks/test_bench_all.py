@@ -96,7 +96,7 @@ def test_growth_is_drawn():
 def test_update(benchmark, case):
     localiser = Localiser(case.map_of(1_500), LocaliserConfig(explain_rate_hz=1000.0))
     localiser.update(case.updates[0])
-    full = wire.encode(localiser.stream.graph.to_update(0, 0, "map"))
+    full = wire.encode(localiser.live.stream.graph.to_update(0, 0, "map"))
     benchmark(localiser.update, full)
 
 

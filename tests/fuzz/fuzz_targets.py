@@ -220,7 +220,7 @@ class Live(Target):
         self.localiser = Localiser(load(path), LocaliserConfig(explain_rate_hz=2.0, filter=self.filter))
 
     def mutate(self, data: bytes, rng: random.Random) -> bytes:
-        graph, stream = self.localiser.stream.graph, self.localiser.stream
+        graph, stream = self.localiser.live.stream.graph, self.localiser.live.stream
         if graph is None or len(graph.places) + len(graph.objects) > 200:
             return self.seeds[0]
         document = json.loads(data)
@@ -232,15 +232,15 @@ class Live(Target):
 
     def state(self) -> bytes:
         """All that an update can change, to the last bit and in its order."""
-        at, stream = self.localiser, self.localiser.stream
-        index, tracker = stream.graph and stream.graph._index, at._tracker
-        kept = at._surroundings and at._surroundings._ego
+        at, live, stream = self.localiser, self.localiser.live, self.localiser.live.stream
+        index, past = stream.graph and stream.graph._index, at._filter
+        kept = live.surroundings and live.surroundings._ego
         parts = (
             stream.graph and vars(stream.graph) | {"_index": index and vars(index)},
-            (stream._seq, at._seq, at._stamp_ns, at._odometry, at._explained_ns, at.unknown_classes),
-            at._visibility and {name: value for name, value in vars(at._visibility).items() if name != "graph"},
+            (stream._seq, live._seq, live._stamp_ns, live.odometry, at._explained_ns, live.unknown_classes),
+            live.visibility and {name: value for name, value in vars(live.visibility).items() if name != "graph"},
             kept and (kept._slots, kept._free, kept._ids, kept._rows, kept._kind),
-            tracker and (tracker.filter.belief, vars(tracker._way), tracker._in_map),
+            past and (past._kept, past._denied),
         )
         return msgspec.msgpack.encode(parts, enc_hook=np.ndarray.tobytes)
 
@@ -265,7 +265,7 @@ class Live(Target):
 
 
 class LiveFiltered(Live):
-    """The same with the filter over places."""
+    """The same with the filter."""
 
     filter = "bayes"
 

@@ -38,12 +38,13 @@ TENSORS = ("features", "edge_index", "edge_length", "is_object", "graph")
 
 def state(localiser: Localiser) -> tuple[object, ...]:
     """All that an update can change; what was counted is not part of it."""
-    graph, visibility, tracker = localiser.stream.graph, localiser._visibility, localiser._tracker
+    graph, visibility, tracker = localiser.live.stream.graph, localiser.live.visibility, localiser._filter
     whole = None if graph is None else (encode(graph.to_update(0, 0, "")), graph.version, repr(graph.index._rows))
     seen = None if visibility is None else repr((visibility._objects, visibility._places, visibility._balls))
-    belief = None if tracker is None else tracker.filter.belief.tobytes()
-    stamps = (localiser._seq, localiser._stamp_ns, localiser._odometry, localiser._explained_ns)
-    return whole, seen, belief, localiser.stream._seq, stamps, dict(localiser.unknown_classes)
+    belief = None if tracker is None else [(kept.walked, kept.chance.tobytes()) for kept in tracker._kept]
+    live = localiser.live
+    stamps = (live._seq, live._stamp_ns, live.odometry, localiser._explained_ns)
+    return whole, seen, belief, live.stream._seq, stamps, dict(live.unknown_classes)
 
 
 class Updates(RuleBasedStateMachine):
@@ -133,7 +134,7 @@ class Updates(RuleBasedStateMachine):
 
     @rule(data=st.data())
     def a_node_with_many_ties_goes(self, data: st.DataObject) -> None:
-        graph = self.localiser.stream.graph
+        graph = self.localiser.live.stream.graph
         tied = sorted({*graph.sighted, *graph.sightings, *graph.children}) if graph is not None else []
         if tied:
             gone = data.draw(st.sampled_from(tied))
@@ -141,12 +142,12 @@ class Updates(RuleBasedStateMachine):
             self.feed(msgspec.structs.replace(update, removed_nodes=[gone]))
 
     def next_delta(self, data: st.DataObject) -> SceneGraphUpdate:
-        update = data.draw(valid_updates(self.localiser.stream.graph, full=False))
+        update = data.draw(valid_updates(self.localiser.live.stream.graph, full=False))
         return msgspec.structs.replace(update, seq=self.seq + 1)
 
     @invariant()
     def graph_is_the_reference(self) -> None:
-        graph, reference = self.localiser.stream.graph, self.reference
+        graph, reference = self.localiser.live.stream.graph, self.reference
         assert (graph is None) == (reference is None)
         if graph is None or reference is None:
             return
@@ -161,7 +162,7 @@ class Updates(RuleBasedStateMachine):
 
     @invariant()
     def what_is_seen_and_said_is_as_if_made_from_nothing(self) -> None:
-        graph, reference, kept = self.localiser.stream.graph, self.reference, self.localiser._visibility
+        graph, reference, kept = self.localiser.live.stream.graph, self.reference, self.localiser.live.visibility
         if graph is None or reference is None or kept is None or not reference.places:
             return
         extraction = self.model.encoder.extraction
@@ -179,7 +180,7 @@ class Updates(RuleBasedStateMachine):
         assert all(torch.equal(getattr(ours, name), getattr(anew, name)) for name in TENSORS)
         for place in places:  # what was kept from update to update
             alone, one = (
-                self.localiser._surroundings.batch(place),
+                self.localiser.live.surroundings.batch(place),
                 extract(fresh, anew_view, SPACE, [place], extraction),
             )
             assert alone.node_ids == one.node_ids

@@ -119,7 +119,7 @@ def test_a_localiser_says_what_matters(tmp_path) -> None:
     assert repr(localiser).startswith("Localiser(map=LoadedMap('site'), config=LocaliserConfig(")
     assert "positions=float64[30, 3]" in repr(localiser.map)
     localiser.update(building_update(objects=7))
-    assert "objects=dict of 7" in repr(localiser.stream.graph)
+    assert "objects=dict of 7" in repr(localiser.live.stream.graph)
 
 
 def test_arrays_are_shown_by_type_and_shape() -> None:

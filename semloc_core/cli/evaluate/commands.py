@@ -114,7 +114,9 @@ def online(
     drift: Annotated[
         float, typer.Option(min=0.0, help="Drift of the robot's frame; 1: 0.5° and 0.03 m per axis, a root metre.")
     ] = 0.0,
-    filtered: Annotated[bool, typer.Option("--filter/--no-filter", help="With the filter over places too.")] = True,
+    filtered: Annotated[
+        bool, typer.Option("--filter/--no-filter", help="With the filter too (verified answers).")
+    ] = True,
     verified: Annotated[
         bool, typer.Option("--layout/--no-layout", help="Answers verified by layout too (rings and each model).")
     ] = True,

@@ -1,4 +1,4 @@
-"""Walks through the buildings of an arena, and the answers along them, with the filter and without."""
+"""Walks through the buildings of an arena, and the answers along them."""
 
 from __future__ import annotations
 
@@ -14,10 +14,8 @@ from semloc_core.evaluate.relocalise import Arena
 from semloc_core.graph import Floats, Ints
 from semloc_core.sources import Walk, WalkConfig, walk
 from semloc_core.text import short_repr
-from semloc_core.tracking import MapModel, PlaceFilter, map_model
 
 Bools = NDArray[np.bool_]
-Similarities = NDArray[np.float32]
 
 
 @short_repr
@@ -38,36 +36,6 @@ def make_walks(arena: Arena, config: WalkConfig, walks: int, seed: int) -> list[
         for building in range(len(places))
         for i in range(int(number[building]))
     ]
-
-
-def read_maps(arena: Arena, radius_m: float) -> MapModel:
-    """What the filter needs of an arena's maps."""
-    graphs = [graph.to_scene_graph(arena.labelspace) for graph in arena.maps]
-    return map_model(graphs, arena.labelspace, radius_m=radius_m)
-
-
-def believed(filter_: PlaceFilter, walk: Walk, evidence: Similarities, at: Ints, chances: Floats | None = None) -> Ints:
-    """(K, 10) the filter's answers at K steps of a walk, -1 where it has no more.
-
-    Args:
-        filter_: goes on from what it believes.
-        walk: T steps; the displacement from place to place, as perceived, stands for odometry.
-        evidence: (T, M), of `MapModel.evidence`.
-        at: (K,) steps.
-        chances: (K,) where to put the probability of the best answer at each of these steps.
-
-    """
-    moves = np.diff(walk.graph.place_positions[walk.places], axis=0)
-    walked = np.concatenate([[0.0], np.linalg.norm(moves, axis=1)])
-    answers = np.full((len(at), max(metrics.RANKS)), -1, dtype=np.int64)
-    for step in range(walk.steps):
-        filter_.update(evidence[step], float(walked[step]))
-        for row in np.flatnonzero(at == step):
-            found, probability = filter_.ranking(answers.shape[1])
-            answers[row, : len(found)] = found
-            if chances is not None:
-                chances[row] = probability[0]
-    return answers
 
 
 def steps_at(walk: Walk, scopes_m: Sequence[float]) -> Ints:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from semloc_core.encoding import Bands, Batch, Model, batch_of_arrays, embed_batch, extract_all, free_space, place_cells
 from semloc_core.graph import Ints, many_balls
-from semloc_core.matching import REACH_M, RING_CENTRES_M, Surroundings, ring_shares
 from semloc_core.sources import Walk
 
 
@@ -70,20 +69,6 @@ def stars_along(walk: Walk, n_classes: int, radius_m: float, bands: Bands = ()) 
         space = np.stack([_space(walk, step, lengths, radius_m, bands) for step in range(t)])
         batch = replace(batch, free_space=torch.from_numpy(space))
     return batch
-
-
-def surroundings_along(walk: Walk, n_classes: int) -> Surroundings:
-    """What is known around the robot's place at each step (`semloc_core.matching.observation.surroundings`), T rows."""
-    batch = stars_along(walk, n_classes, REACH_M)
-    source, root = batch.edge_index.numpy()
-    class_ = batch.features.numpy().argmax(axis=1)[source]
-    objects = np.zeros((walk.steps, n_classes, len(RING_CENTRES_M)), dtype=np.float32)
-    np.add.at(objects, (root, class_), ring_shares(batch.edge_length.numpy().astype(np.float64)))
-    places = np.zeros((walk.steps, len(RING_CENTRES_M)), dtype=np.float32)
-    lengths = walk.graph.edge_lengths()
-    for step in range(walk.steps):
-        places[step] = ring_shares(_reached(walk, step, lengths, REACH_M)[1]).sum(axis=0)
-    return Surroundings(objects, places)
 
 
 _NONE = np.zeros(0, dtype=np.int64)

@@ -19,23 +19,20 @@ from semloc_core.encoding import Model, embed_graph, similarity_matrix
 from semloc_core.evaluate.online.agreement import Agreement
 from semloc_core.evaluate.online.answers import (
     OnlineWalk,
-    believed,
     by_chance,
     make_walks,
-    read_maps,
     steps_at,
     verdict,
 )
 from semloc_core.evaluate.online.clipper_walks import judge_clipper
-from semloc_core.evaluate.online.fragments import embed_walk, surroundings_along
-from semloc_core.evaluate.online.kidnapped import judge_foreign, judge_kidnapped
-from semloc_core.evaluate.online.verified import groups_of, judge_online_layout, success_rows
+from semloc_core.evaluate.online.foreign import judge_foreign
+from semloc_core.evaluate.online.fragments import embed_walk
+from semloc_core.evaluate.online.verified import groups_of, judge_kidnapped, judge_online_layout, success_rows
 from semloc_core.evaluate.relocalise import Arena, fitted, make_arena, read_buildings
 from semloc_core.evaluate.verified_answers import layout_verifier
 from semloc_core.graph import union
 from semloc_core.metrics import Progress, Row, no_progress
 from semloc_core.sources import WalkConfig
-from semloc_core.tracking import FilterConfig, MapModel, PlaceFilter
 
 ENCODERS = ("bag_of_words", "rings")
 SCOPES_M = (0.0, 5.0, 10.0, 20.0, 40.0)
@@ -71,7 +68,7 @@ def evaluate_online(
         walks: walks a building, on average: a building has them by its number of places, so that the robot is
             equally likely to start at any place of any building.
         scopes_m: metres walked at which answers are judged.
-        filtered: judge each method with the filter over places (`semloc_core.tracking.place_filter`) too.
+        filtered: judge verified answers with the filter (`semloc_core.tracking.frame_filter`) too.
         verified: judge rings and each model with answers verified by layout too (`judge_online_layout`).
         kidnapped: judge also how soon a robot is right again that was carried away (`judge_kidnapped`).
         foreign: judge also how many answers are accepted in a building that no map has (`judge_foreign`).
@@ -82,10 +79,11 @@ def evaluate_online(
         progress: told of every method and building.
 
     Returns:
-        For each method, for ``filter`` ``none`` and ``bayes``, for ``home`` ``any`` (all buildings are searched) and
-        ``known`` (only the one that the robot is in), a row a scope (``0m``, ``5m`` …): ``success@N`` with a 95 %
-        bootstrap interval ``_low``, ``_high`` over buildings (over walks where there is only one), ``chance``, the
-        share of the places searched that are right, averaged over walks, and ``queries``, one a walk.
+        For each method, for ``filter`` ``none`` (and ``bayes``, of verified answers), for ``home`` ``any`` (all
+        buildings are searched) and ``known`` (only the one that the robot is in), a row a scope (``0m``, ``5m`` …):
+        ``success@N`` with a 95 % bootstrap interval ``_low``, ``_high`` over buildings (over walks where there is only
+        one), ``chance``, the share of the places searched that are right, averaged over walks, and ``queries``, one a
+        walk.
 
     Raises:
         FileFormatError: no building in the folder, or a file that can't be read.
@@ -99,34 +97,33 @@ def evaluate_online(
     total = len(encoders) + len(models) + bound
     rows: list[Row] = []
     paths = make_walks(arena, config, walks, seed)
-    places = read_maps(arena, radius_m) if filtered else None
 
-    def judge(name: str, model: Model, its: Arena, paths: Sequence[OnlineWalk], places: MapModel | None) -> None:
-        rows.extend(judge_online(name, model, its, paths, scopes_m, radius_m, seed, places))
+    def judge(name: str, model: Model, its: Arena, paths: Sequence[OnlineWalk]) -> None:
+        rows.extend(judge_online(name, model, its, paths, scopes_m, radius_m, seed))
         if verified and (name == "rings" or name not in encoders):
             verifier = layout_verifier(its.maps, len(its.labelspace))
             rows.extend(
                 judge_online_layout(
-                    name, model, its, paths, scopes_m, radius_m, seed, verifier, places=places, foreign=foreign
+                    name, model, its, paths, scopes_m, radius_m, seed, verifier, filtered=filtered, foreign=foreign
                 )
             )
-        if kidnapped:
-            rows.extend(judge_kidnapped(name, model, its, paths, radius_m, places))
+            if kidnapped:
+                rows.extend(judge_kidnapped(name, model, its, paths, radius_m, verifier))
         if foreign:
-            rows.extend(judge_foreign(name, model, its, paths, scopes_m, radius_m, places))
+            rows.extend(judge_foreign(name, model, its, paths, scopes_m, radius_m))
 
     for done, name in enumerate(encoders):
         progress(done, total, name)
-        judge(name, fitted(name, arena), arena, paths, places)
+        judge(name, fitted(name, arena), arena, paths)
     for done, model in enumerate(models, len(encoders)):
         name = f"{model.encoder.name} {model.hash[:8]}"
         progress(done, total, name)
         if model.labelspace.hash == labelspace.hash:
-            judge(name, model, arena, paths, places)
+            judge(name, model, arena, paths)
         else:
             own = make_arena(buildings, model.labelspace)
             own_walks = make_walks(own, config, walks, seed)
-            judge(name, model, own, own_walks, read_maps(own, radius_m) if filtered else None)
+            judge(name, model, own, own_walks)
     if bound:
         progress(total - 1, total, "agreement")
         agreement = Agreement(arena.maps, len(arena.labelspace))
@@ -148,35 +145,23 @@ def judge_online(
     scopes_m: Sequence[float],
     radius_m: float,
     seed: int,
-    places: MapModel | None = None,
 ) -> list[Row]:
-    """The rows of one encoder; see `evaluate_online`. Without ``places`` there are none with the filter."""
+    """The rows of one encoder's similarity; see `evaluate_online`."""
     database = np.concatenate([embed_graph(model, graph) for graph in arena.maps])
-    variants = [(f, home) for f in (("none", "bayes") if places else ("none",)) for home in ("any", "known")]
-    verdicts = {v: np.zeros((len(paths), len(scopes_m), max(metrics.RANKS)), np.bool_) for v in variants}
-    chance = {home: np.zeros((len(paths), len(scopes_m))) for home in ("any", "known")}
+    verdicts = {h: np.zeros((len(paths), len(scopes_m), max(metrics.RANKS)), np.bool_) for h in ("any", "known")}
+    chance = {home: np.zeros((len(paths), len(scopes_m))) for home in verdicts}
     for i, path in enumerate(paths):
         at = steps_at(path.walk, scopes_m)
-        for home, by in chance.items():
-            by[i] = by_chance(arena, path, at, radius_m, known=home == "known")
-        if places is None:
-            similarity = similarity_matrix(embed_walk(model, path.walk.at(at)), database)
-        else:
-            every = similarity_matrix(embed_walk(model, path.walk), database)
-            similarity = every[at]
-            evidence = places.evidence(surroundings_along(path.walk, model.encoder.n_classes), every, FilterConfig())
-        for (filter_, home), right in verdicts.items():
+        similarity = similarity_matrix(embed_walk(model, path.walk.at(at)), database)
+        for home, right in verdicts.items():
             only = arena.building == path.building if home == "known" else np.ones(len(database), np.bool_)
-            if filter_ == "none" or places is None:
-                best = metrics.top(np.where(only, similarity, np.float32(-2)), max(metrics.RANKS))
-            else:
-                best = believed(PlaceFilter(places, only=only), path.walk, evidence, at)
+            best = metrics.top(np.where(only, similarity, np.float32(-2)), max(metrics.RANKS))
             right[i] = verdict(arena, path, at, best, radius_m)
+            chance[home][i] = by_chance(arena, path, at, radius_m, known=home == "known")
     rows = []
-    for (filter_, home), right in verdicts.items():
-        rows += success_rows(
-            {"method": method, "filter": filter_, "home": home}, right, chance[home], groups_of(paths), scopes_m, seed
-        )
+    for home, right in verdicts.items():
+        keys: Row = {"method": method, "filter": "none", "home": home}
+        rows += success_rows(keys, right, chance[home], groups_of(paths), scopes_m, seed)
     return rows
 
 

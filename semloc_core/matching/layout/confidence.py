@@ -65,6 +65,7 @@ class Confidence:
         in_map: P(the robot is in the map).
         order: (T,) in which to list the places: by falling probability.
         answers: what the probability of any place of the map follows from.
+        off: (T,) metres of each place tested from where it best fits in.
 
     """
 
@@ -72,6 +73,19 @@ class Confidence:
     in_map: float
     order: Ints
     answers: Answers
+    off: Floats
+
+    @classmethod
+    def of(cls, answers: Answers, in_map: float, off: Floats, mapped: MappedLayout, rows: Ints) -> Confidence:
+        """What follows from answers for the (T,) rows of the map that were tested."""
+        probability = answers.probability(mapped, rows)
+        order = np.lexsort((np.arange(len(probability)), off, -probability))
+        return cls(probability, in_map, order, answers, off)
+
+    def weighed(self, by: Floats, mapped: MappedLayout, rows: Ints) -> Confidence:
+        """The same, each answer (A,) times as likely."""
+        in_map = max(self.in_map, float((self.answers.likely() * by).sum()))
+        return Confidence.of(self.answers.weighed(by), in_map, self.off, mapped, rows)
 
 
 class Calibration(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -153,28 +167,42 @@ def confidence(
     chance = chance / max(float(_near(calibration, off, n)[0]), 0.5)
     if robot is not None:
         poses = poses + _turned(robot - fragment.origin, verified.heading[found.separate])
-    answers = Answers(*_by_storey(mapped, verified.rows[found.separate], poses, chance, right), n, calibration)
-    probability = answers.probability(mapped, verified.rows)
-    return Confidence(probability, in_map, np.lexsort((np.arange(len(probability)), found.off, -probability)), answers)
+    answers = _by_storey(mapped, verified, found.separate, poses, chance, right, n, calibration)
+    return Confidence.of(answers, in_map, found.off, mapped, verified.rows)
 
 
 def _by_storey(
-    mapped: MappedLayout, rows: Ints, poses: Floats, chance: Floats, right: float
-) -> tuple[Floats, Ints, Floats, float]:
-    """The first fields of `Answers`, of answers with these rows and poses: each once for each storey that it may be on.
+    mapped: MappedLayout,
+    verified: Verified,
+    separate: list[int],
+    poses: Floats,
+    chance: Floats,
+    right: float,
+    n_objects: int,
+    calibration: Calibration,
+) -> Answers:
+    """Answers found by some places of a test, with these poses: each once for each storey that it may be on.
 
     An answer is on the storey where it has the robot, whatever place it was found by; between floors, where a robot on
     stairs is, it is nearly as likely on one as on another.
     """
+    rows = verified.rows[separate]
     on = [
         mapped.storeys_at(pose, row) if p >= LIKELY * chance[0] else [int(mapped.storey[row])]
         for pose, row, p in zip(poses, rows.tolist(), chance.tolist(), strict=True)
     ]
     times = np.array([len(each) for each in on])
     shares = [np.array([1.0, *[AS_LIKELY] * (n - 1)]) / (1.0 + AS_LIKELY * (n - 1)) for n in times.tolist()]
-    storeys = np.array([storey for each in on for storey in each], dtype=np.int64)
-    most = right if times[0] == 1 else min(right, MOST_SURE) / int(times[0])
-    return np.repeat(poses, times, axis=0), storeys, np.repeat(chance, times) * np.concatenate(shares), most
+    return Answers(
+        pose=np.repeat(poses, times, axis=0),
+        heading=np.repeat(verified.heading[separate], times),
+        building=np.repeat(mapped.building[rows], times),
+        storey=np.array([storey for each in on for storey in each], dtype=np.int64),
+        chance=np.repeat(chance, times) * np.concatenate(shares),
+        most=right if times[0] == 1 else min(right, MOST_SURE) / int(times[0]),
+        n_objects=n_objects,
+        calibration=calibration,
+    )
 
 
 @short_repr
@@ -184,6 +212,8 @@ class Answers:
 
     Args:
         pose: (A, 3) metres, best first.
+        heading: (A,) radians: the robot's frame turned by it is parallel to the building's.
+        building: (A,) of the map.
         storey: (A,) of the map.
         chance: (A,) of each, by which what is near it counts.
         most: the probability of the best place; no other is believed more.
@@ -193,11 +223,38 @@ class Answers:
     """
 
     pose: Floats
+    heading: Floats
+    building: Ints
     storey: Ints
     chance: Floats
     most: float
     n_objects: int
     calibration: Calibration
+
+    def likely(self) -> Floats:
+        """(A,) P(right) of each: that the place nearest to it is; they sum to 1 at most, as in `probability`."""
+        if self.chance[0] <= 0:
+            return np.zeros(len(self.chance))
+        chance: Floats = self.chance * (self.most / self.chance[0])
+        rest = float(chance[1:].sum())
+        if chance[0] + rest > 1.0:
+            chance[1:] *= (1.0 - chance[0]) / rest
+        return chance
+
+    def weighed(self, by: Floats) -> Answers:
+        """The same, each (A,) times as likely."""
+        chance = self.chance * by
+        order = np.argsort(-chance, kind="stable")
+        return Answers(
+            pose=self.pose[order],
+            heading=self.heading[order],
+            building=self.building[order],
+            storey=self.storey[order],
+            chance=chance[order],
+            most=min(1.0, self.most * float(chance.max() / self.chance[0])) if self.chance[0] > 0 else self.most,
+            n_objects=self.n_objects,
+            calibration=self.calibration,
+        )
 
     def on_each_storey(self, mapped: MappedLayout) -> list[int]:
         """Rows of the map: where the best answer may be on several storeys, the nearest on each of them."""

@@ -1,7 +1,16 @@
 """How well every place of a map could account for what is around the robot, by distance alone.
 
-The likelihood of `semloc_core.matching.observation`, its rings laid by distance as the crow flies: a fragment does not
-know the short cuts yet, so that distances along its edges are too long, while straight ones are what they will remain.
+A similarity punishes a fragment for what has not been seen yet. Here the places that the robot knows say how far it
+has looked: in ring r around the robot it knows e_r places, and has seen q_cr objects of class c there. A place of the
+map has m_cr objects and n_r places in the same ring, so that so much looking should have shown e_r · λ_cr of them, with
+a rate λ_cr = detected · m_cr / (n_r + 1) + invented_c. Seen counts are taken as Poisson (inhomogeneous Poisson process,
+its exposure the known places):
+
+    log P(q | place) = Σ_cr q_cr log λ_cr − Σ_r e_r Σ_c λ_cr − shape · Σ_r max(0, e_r − slack · n_r − 1) + constant
+
+The last term refuses places around which the map has less room than the robot has found. The rings are soft, and laid
+by distance as the crow flies: a fragment does not know the short cuts yet, so that distances along its edges are too
+long, while straight ones are what they will remain.
 What a building has in its rings is counted once for it; logarithms are taken in a scan, of the classes that were seen.
 """
 
@@ -16,7 +25,6 @@ from numpy.typing import NDArray
 from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.building.objects_by_place import sums
 from semloc_core.matching.layout.fragment import Fragment
-from semloc_core.matching.observation import ObservationConfig
 from semloc_core.text import short_repr
 
 RING_CENTRES_M = np.array([0.0, 2.0, 4.0, 6.0, 8.5, 11.5])
@@ -29,7 +37,12 @@ STEP_M = 0.01
 """Shares of rings are tabled in such steps: there are many more pairs than steps."""
 _FAINT = 1e-9
 """A smaller share of an object in a ring changes no likelihood."""
-_CONFIG = ObservationConfig()
+DETECTED = 0.77
+"""Share of the mapped objects that are detected."""
+INVENTED = 0.04
+"""Objects seen for each known place that the map does not have."""
+SHAPE, SLACK = 0.3, 1.3
+"""Log-likelihood lost for each place more than so many times what the map has room for."""
 
 
 @short_repr
@@ -88,9 +101,9 @@ class RingCounter:
         near = self._objects.sum(axis=(1, 2), dtype=np.float64)
         classes = np.flatnonzero(near)
         rate = self._objects[classes]
-        rate *= np.float32(_CONFIG.detected)
+        rate *= np.float32(DETECTED)
         rate /= self._places + np.float32(1.0)
-        return Rings(classes, rate, rate.sum(axis=0), np.float32(_CONFIG.slack) * self._places + np.float32(1.0), near)
+        return Rings(classes, rate, rate.sum(axis=0), np.float32(SLACK) * self._places + np.float32(1.0), near)
 
 
 class CoarseScan:
@@ -105,7 +118,7 @@ class CoarseScan:
         near = np.sum([rings.near for rings in buildings], axis=0)
         # Each building counts by its objects; a class that no map has can be invented too.
         frequency = (near / max(near.sum(), 1.0) + 0.1 / len(near)) / 1.1
-        self._invented = np.float32(_CONFIG.invented) * frequency.astype(np.float32)
+        self._invented = np.float32(INVENTED) * frequency.astype(np.float32)
         self._total = np.concatenate([rings.total for rings in buildings], axis=1)
         self._total += self._invented.sum(dtype=np.float32)
         self._room = np.concatenate([rings.room for rings in buildings], axis=1)
@@ -129,7 +142,7 @@ class CoarseScan:
         found: NDArray[np.float32] = np.einsum("k,km->m", seen[at], np.log(rate, out=rate))
         found -= np.einsum("r,rm->m", known, self._total)
         for e, room in zip(known, self._room, strict=True):
-            found -= np.float32(_CONFIG.shape) * np.maximum(e - room, np.float32(0.0))
+            found -= np.float32(SHAPE) * np.maximum(e - room, np.float32(0.0))
         return found
 
 

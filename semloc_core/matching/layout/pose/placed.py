@@ -70,9 +70,7 @@ class Placed:
         return np.array([c * point[0] - s * point[1], s * point[0] + c * point[1], point[2]])
 
 
-def placed(
-    mapped: MappedLayout, fragment: Fragment, verified: Verified, rows: Sequence[int], near: bool = False
-) -> Mapping[int, Placed]:
+def placed(mapped: MappedLayout, fragment: Fragment, verified: Verified, rows: Sequence[int]) -> Mapping[int, Placed]:
     """Refined transforms by row of the map, of those of some rows that were put to the test.
 
     All rows of one answer have the same one: the best of it. Where several poses of an answer explain what is seen, its
@@ -83,7 +81,6 @@ def placed(
         fragment: what was tested.
         verified: the test.
         rows: of the map, best first.
-        near: give a row that was not tested what the nearest answer within the match radius has.
 
     """
     tried = verified.tried
@@ -93,9 +90,6 @@ def placed(
     wanted: dict[int, int] = {}
     for row in dict.fromkeys(rows):
         found = np.flatnonzero(tried.rows == row)[:1]
-        if near and not len(found):
-            off = np.linalg.norm(at - mapped.positions[row], axis=1)
-            found = np.flatnonzero((off <= MATCH_RADIUS_M) & (building == mapped.building[row]))[:1]
         if len(found):
             wanted[row] = int(found[0])
     if not wanted:

@@ -1,0 +1,187 @@
+"""The filter over where the run's frame lies: what the past says, what it may not say, and what makes it forgotten."""
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+from small_building import building_update, delta, make_map, make_model
+
+from semloc_core.config import LocaliserConfig
+from semloc_core.errors import ConfigError, MapError
+from semloc_core.localiser import Localiser
+from semloc_core.map_database import LoadedMap
+from semloc_core.matching import Answers
+from semloc_core.matching.layout.confidence import shipped_calibration
+from semloc_core.tracking import FrameFilter
+from semloc_core.tracking.frame_filter import AGREEING, APART_M, KEPT, LEAST, SWAY
+from semloc_core.wire import codec as wire
+
+BAYES = LocaliserConfig(filter="bayes", explain_rate_hz=0.0)
+HOMES = ("hall", "tower")
+
+
+def answers(*said: tuple[str, tuple[float, float], float, float]) -> Answers:
+    """Answers, best first: building, where it has the robot, its heading in degrees, and P(right)."""
+    chance = np.array([p for *_, p in said])
+    return Answers(
+        pose=np.array([(*at, 0.0) for _, at, _, _ in said]),
+        heading=np.radians([degrees for _, _, degrees, _ in said]),
+        building=np.array([HOMES.index(name) for name, *_ in said]),
+        storey=np.zeros(len(said), dtype=np.int64),
+        chance=chance,
+        most=float(chance[0]),
+        n_objects=9,
+        calibration=shipped_calibration(),
+    )
+
+
+def believe(past: FrameFilter, said: Answers, x: float, walked: float | None = None, drift: float = 0.0) -> list[float]:
+    by = past.believe(said, HOMES, np.array([x, 0.0, 0.0]), x if walked is None else walked, drift)
+    return (by * said.likely()).tolist()
+
+
+def observe(past: FrameFilter, said: Answers, x: float, walked: float | None = None, drift: float = 0.0) -> None:
+    past.observe(said, HOMES, np.array([x, 0.0, 0.0]), x if walked is None else walked, drift)
+
+
+TWINS = answers(("hall", (20.0, 0.0), 0.0, 0.49), ("hall", (60.0, 0.0), 0.0, 0.49))
+"""Two rooms alike, 40 m apart, seen from 20 m into the run."""
+
+
+def test_the_first_answer_is_what_it_says():
+    """A filter that knows nothing may change nothing: not the probabilities' sum, not their order."""
+    assert believe(FrameFilter(), TWINS, 0.0) == pytest.approx([0.49, 0.49])
+
+
+def test_a_room_that_was_recognised_before_tells_twins_apart():
+    past = FrameFilter()
+    observe(past, answers(("hall", (0.0, 0.0), 0.0, 0.98), ("tower", (7.0, 0.0), 0.0, 0.01)), 0.0)
+    right, other = believe(past, TWINS, 20.0)
+    # By hand: 0.98 against LEAST, of which nats beyond SWAY do not count, and against the 0.02 that was left.
+    total = 0.49 + 0.49 / min(math.exp(SWAY), 0.98 / LEAST) + 0.02 * (0.02 / 0.98)
+    assert right == pytest.approx(0.49 / total, abs=1e-9)
+    assert other == pytest.approx(0.49 / min(math.exp(SWAY), 0.98 / LEAST) / total, abs=1e-9)
+
+
+def test_a_heading_counts_as_a_place_does():
+    """By the twin that is turned round, the robot was 20 m off where it was recognised."""
+    past = FrameFilter()
+    observe(past, answers(("hall", (0.0, 0.0), 0.0, 0.98)), 0.0)
+    turned = answers(("hall", (20.0, 0.0), 180.0, 0.49), ("hall", (20.0, 0.0), 0.0, 0.48))
+    assert believe(past, turned, 20.0)[1] > 0.9
+
+
+def test_what_the_present_knows_too_is_not_counted_twice():
+    """Answers from within the reach of the test rest on the same objects."""
+    past = FrameFilter()
+    observe(past, answers(("hall", (0.0, 0.0), 0.0, 0.98)), 0.0)
+    assert believe(past, TWINS, APART_M - 0.1) == pytest.approx([0.49, 0.49])
+
+
+def test_another_buildings_past_speaks_against_and_only_so_much():
+    past = FrameFilter()
+    for i in range(KEPT):
+        observe(past, answers(("tower", (APART_M * i, 0.0), 0.0, 0.99)), APART_M * i)
+    alone = answers(("hall", (0.0, 0.0), 0.0, 0.9))
+    x = APART_M * KEPT
+    assert 0.9 / (0.9 + 0.1 * math.exp(SWAY)) - 1e-9 <= believe(past, alone, x)[0] < 0.9
+
+
+def test_a_robot_that_was_carried_away_is_believed_once_it_insists():
+    past = FrameFilter()
+    observe(past, answers(("tower", (0.0, 0.0), 0.0, 0.99)), 0.0)
+    for i in range(AGREEING):
+        x = 20.0 + i
+        said = answers(("hall", (x, 0.0), 0.0, 0.95), ("tower", (x, 0.0), 0.0, 0.04))
+        assert believe(past, said, x)[0] < 0.5, "the past gave way to a single answer"
+        observe(past, said, x)
+    assert believe(past, answers(("hall", (23.0, 0.0), 0.0, 0.95)), 23.0)[0] == pytest.approx(0.95)
+
+
+def test_answers_that_deny_the_past_and_one_another_change_nothing():
+    past = FrameFilter()
+    observe(past, answers(("tower", (0.0, 0.0), 0.0, 0.99)), 0.0)
+    for i in range(4 * AGREEING):
+        observe(past, answers(("hall", (50.0 * (i % 2), 0.0), 0.0, 0.95)), 20.0 + i)
+    assert past.buildings(0.5) == ("tower",)
+
+
+def test_a_frame_that_drifts_may_be_further_off():
+    """After 20 m at a usual drift (0.5° a root metre) the robot's old place is off by metres, and still the same."""
+    past = FrameFilter()
+    observe(past, answers(("hall", (0.0, 0.0), 0.0, 0.98)), 0.0, walked=0.0)
+    off = answers(("hall", (20.0, 3.6), 0.0, 0.49), ("hall", (60.0, 0.0), 0.0, 0.49))
+    assert believe(past, off, 20.0, walked=40.0, drift=1.0)[0] > 0.9
+    assert believe(past, off, 20.0, walked=40.0, drift=0.0)[0] == pytest.approx(believe(past, off, 20.0, drift=0.0)[1])
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory):
+    """Two corridors that differ in their objects."""
+    path = tmp_path_factory.mktemp("filtered") / "two.map"
+    return make_map(path, make_model("rings"), a=building_update(seed=0), b=building_update(seed=1))
+
+
+def known(localiser: Localiser) -> list[float]:
+    assert localiser._filter is not None
+    return [kept.walked for kept in localiser._filter._kept]
+
+
+def test_full_updates_gaps_and_questions_leave_the_past_as_it_is(world):
+    localiser = Localiser(world, BAYES)
+    for i in range(14):
+        localiser.update(delta(i, query=f"p{i + 5}") if i else building_update(query="p5"))
+    before = known(localiser)
+    assert len(before) > 1
+    assert localiser.update(delta(50, query="p17")).matches.status == "no_graph"
+    localiser.locate("p3")
+    localiser.ask("p7")
+    assert known(localiser) == before
+    localiser.update(building_update(query="p18", seq=60))
+    assert len(known(localiser)) == len(before)
+
+
+def test_another_localiser_goes_on_with_the_past_in_the_same_map_only(world, tmp_path):
+    first = Localiser(world, BAYES)
+    first.update(building_update(query="p5"))
+    second, plain = Localiser(world, LocaliserConfig(filter="bayes", top_n=3)), Localiser(world)
+    elsewhere = Localiser(make_map(tmp_path / "c.map", make_model("rings"), a=building_update(seed=7)), BAYES)
+    for other in (plain, elsewhere, second):
+        other.take_over(first)
+    assert known(second) == known(first) != []
+    assert known(elsewhere) == []
+    assert plain._filter is None
+
+
+def test_the_answer_is_calibrated_ranked_and_explained_as_without(world):
+    result = Localiser(world, LocaliserConfig(filter="bayes")).update(building_update(query="p12"))
+    assert result.attributions is not None
+    assert result.attributions.match_place == result.matches.matches[0].place
+    plain = Localiser(world).update(building_update(query="p12")).matches
+    assert wire.encode(result.matches) == wire.encode(plain), "one answer has no past"
+
+
+def test_an_empty_answer_stays_unknown(world):
+    for update in (building_update(query=None), building_update(objects=0)):
+        assert Localiser(world, BAYES).update(update).matches.status == "unknown"
+
+
+def test_what_can_not_be_tested_can_not_be_filtered(world):
+    with pytest.raises(ConfigError, match="expected rerank layout with filter bayes"):
+        Localiser(world, LocaliserConfig(filter="bayes", rerank="none"))
+    bare = LoadedMap(
+        "bare", "", world.model, world.buildings, world.place_ids, world.positions, world.building_index,
+        world.embeddings,
+    )  # fmt: skip
+    with pytest.raises(MapError, match="expected a map with scene graphs"):
+        Localiser(bare, BAYES)
+
+
+def test_an_update_that_is_refused_leaves_the_past_as_it_is(world):
+    localiser = Localiser(world, BAYES)
+    localiser.update(building_update(query="p5"))
+    before = known(localiser)
+    with pytest.raises(Exception, match="unknown"):
+        localiser.update(msgspec.structs.replace(building_update(seq=1), edges=[("p0", "nowhere")]))
+    assert known(localiser) == before
