@@ -137,7 +137,7 @@ if [ -d "$data/hydra" ]; then
     say '## On a real scene graph' '' \
         "A map of Hydra's long run through the uHumans2 apartment (\`hydra/apartment_long.json\` in the folder of real" \
         'graphs), and the short run played as a traversal along its recorded poses:' ''
-    semloc train "$data/hydra/apartment_long.json" --encoder rings --labelspace uhumans2_apartment -o "$scratch/apartment.model" >/dev/null
+    semloc train --force "$data/hydra/apartment_long.json" --encoder rings --labelspace uhumans2_apartment -o "$scratch/apartment.model" >/dev/null
     semloc map build "$data/hydra/apartment_long.json" --model "$scratch/apartment.model" --name apartment --force -o "$scratch/apartment.map" >/dev/null
     cp "$data/hydra/apartment_short.json" "$scratch/apartment_short.json"
     pids=()
