@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from semloc_core.wire.checks import check_links, check_nodes
     from semloc_core.wire.codec import MAX_BYTES, decode, decode_update, encode, one_line, schema_of
     from semloc_core.wire.messages import (
+        NAMELESS,
         ClassAttribution,
         ClassAttributions,
         ClassContrast,
@@ -55,7 +56,7 @@ else:
 __all__ = [
     "ClassAttribution", "ClassAttributions", "ClassContrast", "Count", "Counterfactual", "ExplainRequest",
     "Explanation", "Fidelity", "Fraction", "Int64", "MAX_BYTES", "MapInfo", "Match", "MethodAttributions",
-    "ModelInfo", "Name", "NameCounter", "Object", "ObjectAttribution", "ObjectName", "Odometry", "Place",
+    "ModelInfo", "NAMELESS", "Name", "NameCounter", "Object", "ObjectAttribution", "ObjectName", "Odometry", "Place",
     "PlaceEvidence", "PlaceMatches", "Pose", "Position", "RosField", "SceneGraphUpdate", "Status", "Transform",
     "TumWriter", "WhyNot", "WithoutClass", "check_links", "check_nodes", "decode", "decode_update", "encode",
     "has_header", "matched_pose", "moved", "one_line", "orientation_of", "quaternion_of", "ros_covariance",

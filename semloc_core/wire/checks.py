@@ -4,25 +4,28 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
 from semloc_core.errors import MessageError
 from semloc_core.wire.messages import (
+    NAMELESS,
     ClassAttribution,
     ClassAttributions,
     ExplainRequest,
     Explanation,
     Match,
+    Object,
     ObjectAttribution,
     PlaceMatches,
     SceneGraphUpdate,
 )
 
 QUATERNION_TOLERANCE = 1e-2  # publishers round; farther off than this it is not a rotation
-COVARIANCE_TOLERANCE = 1e-5  # numbers are rounded to 6 decimals on output
-SHARE_TOLERANCE = 1e-3  # shares are rounded to 6 decimals on output
+COVARIANCE_TOLERANCE = 1e-5  # numbers are rounded on output
+DECIMALS = 6  # of every float on output: micrometres, and far below what a similarity means
+SHARE_TOLERANCE = 1e-3  # shares are rounded on output
 
 
 def check_update(update: SceneGraphUpdate) -> None:
@@ -30,7 +33,8 @@ def check_update(update: SceneGraphUpdate) -> None:
 
     Raises:
         MessageError: a duplicate id, a self-loop, an edge between objects, a sighting that is not
-            [place, object], a query place that is an object; in a full update also an unknown node.
+            [place, object], a query place that is an object, labels that do not add up; in a full update also an
+            unknown node.
 
     """
     places, objects = check_nodes(update)
@@ -48,12 +52,30 @@ def check_update(update: SceneGraphUpdate) -> None:
 
 
 def check_nodes(update: SceneGraphUpdate) -> tuple[set[str], set[str]]:
-    """The ids of an update's places and objects; MessageError where one is given twice."""
+    """The ids of an update's places and objects; MessageError where one is given twice, or labels can't be."""
     places = {place.id for place in update.places}
     objects = {thing.id for thing in update.objects}
     if len(places) + len(objects) < len(update.places) + len(update.objects) or not places.isdisjoint(objects):
         _check_unique("node id", [p.id for p in update.places] + [o.id for o in update.objects])
+    for thing in update.objects:
+        if thing.labels is not None:
+            _check_labels(thing, thing.labels)
     return places, objects
+
+
+def _check_labels(thing: Object, labels: Mapping[str, float]) -> None:
+    for name, p in labels.items():
+        if not 0.0 < p <= 1.0:  # false for NaN too
+            raise MessageError(f"expected labels with probabilities in (0, 1] (got {name!r}: {p} for {thing.id!r})")
+        if name.casefold() == NAMELESS:
+            raise MessageError(f"expected labels without {NAMELESS!r}, which is what they lack of 1 (for {thing.id!r})")
+    # As they are written: what is accepted once is accepted again.
+    rounded = {name: round(p, DECIMALS) for name, p in labels.items()}
+    total = math.fsum(rounded.values())
+    if total > 1.0 + SHARE_TOLERANCE:
+        raise MessageError(f"expected labels that sum to at most 1 (got {total:.6g} for {thing.id!r})")
+    if thing.class_ not in labels or rounded[thing.class_] < max(rounded.values()):
+        raise MessageError(f"expected class to be the likeliest of labels (got {thing.class_!r} for {thing.id!r})")
 
 
 def check_links(update: SceneGraphUpdate, is_place: Callable[[str], bool], is_object: Callable[[str], bool]) -> None:

@@ -16,11 +16,10 @@ import msgspec
 import numpy as np
 
 from semloc_core.errors import MessageError
-from semloc_core.wire.checks import CHECKS
+from semloc_core.wire.checks import CHECKS, DECIMALS
 from semloc_core.wire.messages import SceneGraphUpdate
 
 MAX_BYTES = 16 * 2**20  # the default of `max_update_bytes`
-DECIMALS = 6  # of every float on output: micrometres, and far below what a similarity means
 LONGEST_LINE = 300
 
 T = TypeVar("T", bound=msgspec.Struct)
@@ -137,7 +136,14 @@ def _rounded(value: Any) -> Any:
             raise MessageError(f"expected finite numbers in a message (got {value})")
         return round(value, DECIMALS) + 0.0  # -0.0 + 0.0 is 0.0
     if type_ is dict:
-        return {key: item if type(item) is str else _rounded(item) for key, item in value.items()}
+        found = {key: item if type(item) is str else _rounded(item) for key, item in value.items()}
+        if "labels" in found and type(labels := found["labels"]) is not float:  # float: of a class of this name
+            # Null is left out, so that objects without labels are written as before there were any; in order of names,
+            # without those that are rounded to nothing.
+            found["labels"] = {name: p for name, p in sorted((labels or {}).items()) if p}
+            if not found["labels"]:
+                del found["labels"]
+        return found
     if type_ is list or type_ is tuple:
         return [_rounded(item) for item in value]
     return value

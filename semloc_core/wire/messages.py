@@ -12,6 +12,9 @@ import msgspec
 
 from semloc_core.text import short_repr
 
+NAMELESS = "unknown"
+"""Reserved: an object whose position is known and whose class is not. No class of any file, and no class it lacks."""
+
 # Lengths are bounded so that no distance overflows: nothing on Earth is 10⁹ m from anything else.
 Metres = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 Length = Annotated[float, msgspec.Meta(ge=0, le=1e9)]
@@ -24,6 +27,7 @@ Rank = Annotated[int, msgspec.Meta(ge=1)]
 Name = Annotated[str, msgspec.Meta(min_length=1)]
 Int64 = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
 Sequence64 = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
+Labels = Annotated[dict[Name, Annotated[float, msgspec.Meta(gt=0, le=1)]], msgspec.Meta(min_length=1)]
 Status = Literal["match", "ambiguous", "unknown", "no_graph"]
 
 
@@ -35,12 +39,17 @@ class Place(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"class_": "class"}):
-    """An object node. ``class`` is a name of the labelspace, ``size`` the box's edge lengths in metres."""
+    """An object node. ``class`` is a name of the labelspace, ``size`` the box's edge lengths in metres.
+
+    ``class`` ``unknown`` is reserved: a position without a name. ``labels`` says what else the object may be: class ->
+    probability, which sum to at most 1; ``class`` is the likeliest. Null: ``class`` is all that is known.
+    """
 
     id: Name
     class_: Name
     position: Position
     size: Size | None = None
+    labels: Labels | None = None
 
 
 class Odometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

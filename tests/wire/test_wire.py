@@ -173,6 +173,29 @@ def test_floats_are_rounded_and_no_zero_is_negative():
     assert b"-0.0" not in encode(matches())
 
 
+def test_an_object_without_labels_is_written_as_before_there_were_any():
+    """Maps are known by the hash of these bytes."""
+    for labels in ({}, {"labels": None}):
+        message = decode_update(text(objects=[{"id": "o", "class": "chair", "position": [0, 1, 0]} | labels], edges=[]))
+        assert b'"objects":[{"id":"o","class":"chair","position":[0.0,1.0,0.0],"size":null}]' in encode(message)
+
+
+def test_labels_are_written_by_name_and_can_be_read_again():
+    """A detector's distribution over many classes is full of numbers that are rounded to nothing."""
+    rest = {f"class {i:03}": 0.4 / 1000 for i in range(1000)} | {"lamp": 1e-9}
+    labels = {"labels": 0.3, "chair": 0.3 - 4e-7} | rest
+    thing = {"id": "o", "class": "chair", "position": [0, 1, 0], "labels": labels}
+    message = decode_update(text(objects=[thing], edges=[]))
+    written = encode(message)
+    again = decode_update(written)
+    assert again.objects[0].labels == {"chair": 0.3, "labels": 0.3} | {name: 0.0004 for name in rest if name != "lamp"}
+    assert encode(again) == written
+    turned = decode_update(text(objects=[thing | {"labels": dict(reversed(labels.items()))}], edges=[]))
+    assert encode(turned) == written
+    faint = decode_update(text(objects=[thing | {"labels": {"chair": 1e-9}}], edges=[]))
+    assert decode_update(encode(faint)).objects[0].labels is None
+
+
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), np.float32("-inf")])
 def test_nan_and_infinity_do_not_get_out(value):
     with pytest.raises(MessageError, match="finite"):

@@ -18,6 +18,7 @@ from semloc_core.errors import LabelspaceError
 from semloc_core.graph.labels.files import LabelspaceFile, SynonymsFile, read_yaml, shipped_path
 from semloc_core.graph.labels.files import shipped_labelspaces as shipped_labelspaces
 from semloc_core.text import short_repr
+from semloc_core.wire import NAMELESS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
     from semloc_core.graph.scene_graph import SceneGraph
 
 LARGEST_ID = 2**32 - 1  # Hydra's semantic_label is an unsigned 32-bit integer
-NAMELESS = "unknown"
-"""Reserved: an object whose position is known and whose class is not. No class of any file, and no class it lacks."""
 _JOINTS = re.compile(r"[\s_\-\u2010-\u2015\u2212]+")
 _NUMBER = re.compile(r"(?:class)?([0-9]{1,10})")
 _LONGEST = 200

@@ -23,10 +23,8 @@ from semloc_core.sources.detections.grid import EDGE_LENGTHS, Grid, free_places
 from semloc_core.sources.detections.nav2 import short
 from semloc_core.sources.hydra.write import node_id
 from semloc_core.text import short_repr
-from semloc_core.wire import Object, Odometry, Place, Position, SceneGraphUpdate
+from semloc_core.wire import NAMELESS, Object, Odometry, Place, Position, SceneGraphUpdate
 
-NAMELESS = "unknown"
-"""Class of what has a position and no name."""
 JUMP_M = 2.0
 """Farther the robot does not go between two poses: its frame jumped, and nothing says that one can walk there."""
 STOREY_M = 1.0
