@@ -13,12 +13,16 @@ CLASSES = ("chair", "couch", "box", "unheard-of")
 
 positions = st.tuples(st.integers(0, 3).map(float), st.integers(0, 3).map(float), st.sampled_from([0.0, 0.0, 0.1]))
 places = st.builds(Place, id=st.sampled_from(PLACES), position=positions)
+named = st.one_of(
+    st.tuples(st.sampled_from(CLASSES), st.none()),
+    st.tuples(st.just("chair"), st.sampled_from([{"chair": 0.5, "box": 0.25}, {"chair": 0.5, "couch": 0.5}])),
+)
 objects = st.builds(
-    Object,
-    id=st.sampled_from(OBJECTS),
-    class_=st.sampled_from(CLASSES),
-    position=positions,
-    size=st.one_of(st.none(), st.just((1.0, 0.5, 0.2))),
+    lambda id_, position, size, name: Object(id_, name[0], position, size, name[1]),
+    st.sampled_from(OBJECTS),
+    positions,
+    st.one_of(st.none(), st.just((1.0, 0.5, 0.2))),
+    named,
 )
 
 

@@ -228,7 +228,7 @@ def relabelled(buildings: Sequence[Building], names: Mapping[str, str]) -> list[
 
     def said(graph: SceneGraph) -> SceneGraph:
         things = {
-            i: msgspec.structs.replace(thing, class_=names.get(thing.class_, thing.class_))
+            i: msgspec.structs.replace(thing, class_=names.get(thing.class_, thing.class_), labels=None)
             for i, thing in graph.objects.items()
         }
         return labels.graph(replace(graph, objects=things))

@@ -22,7 +22,7 @@ class Change:
             publisher that repeats itself every few seconds changes nothing.
         places: places added, moved or removed.
         edges: traversability edges added, removed or of another length, as (a, b) with a < b.
-        objects: objects added, changed (class, position, size, parents, sightings) or removed.
+        objects: objects added, changed (class, labels, position, size, parents, sightings) or removed.
 
     """
 
@@ -39,7 +39,7 @@ class SceneGraph:
 
     Attributes:
         places: place id -> position (m).
-        objects: object id -> the object (class name, position, size).
+        objects: object id -> the object (class name, position, size, labels).
         neighbours: place id -> {neighbouring place id: Euclidean length (m)}; symmetric; every place has a row.
         parents: object id -> places that the object has an edge to; every object has a row.
         children: place id -> objects with an edge to it; only places that have any.

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from semloc_core.exports import exports
 
 if TYPE_CHECKING:
-    from semloc_core.wire.checks import check_links, check_nodes
+    from semloc_core.wire.checks import DECIMALS, check_links, check_nodes
     from semloc_core.wire.codec import MAX_BYTES, decode, decode_update, encode, one_line, schema_of
     from semloc_core.wire.messages import (
         NAMELESS,
@@ -54,7 +54,7 @@ else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "ClassAttribution", "ClassAttributions", "ClassContrast", "Count", "Counterfactual", "ExplainRequest",
+    "ClassAttribution", "ClassAttributions", "ClassContrast", "Count", "Counterfactual", "DECIMALS", "ExplainRequest",
     "Explanation", "Fidelity", "Fraction", "Int64", "MAX_BYTES", "MapInfo", "Match", "MethodAttributions",
     "ModelInfo", "NAMELESS", "Name", "NameCounter", "Object", "ObjectAttribution", "ObjectName", "Odometry", "Place",
     "PlaceEvidence", "PlaceMatches", "Pose", "Position", "RosField", "SceneGraphUpdate", "Status", "Transform",

@@ -74,7 +74,7 @@ def _check_labels(thing: Object, labels: Mapping[str, float]) -> None:
     total = math.fsum(rounded.values())
     if total > 1.0 + SHARE_TOLERANCE:
         raise MessageError(f"expected labels that sum to at most 1 (got {total:.6g} for {thing.id!r})")
-    if thing.class_ not in labels or rounded[thing.class_] < max(rounded.values()):
+    if thing.class_ not in rounded or rounded[thing.class_] < max(rounded.values()):
         raise MessageError(f"expected class to be the likeliest of labels (got {thing.class_!r} for {thing.id!r})")
 
 

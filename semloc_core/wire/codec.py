@@ -136,8 +136,8 @@ def _rounded(value: Any) -> Any:
             raise MessageError(f"expected finite numbers in a message (got {value})")
         return round(value, DECIMALS) + 0.0  # -0.0 + 0.0 is 0.0
     if type_ is dict:
-        found = {key: item if type(item) is str else _rounded(item) for key, item in value.items()}
-        if "labels" in found and type(labels := found["labels"]) is not float:  # float: of a class of this name
+        found: dict[str, Any] = {key: item if type(item) is str else _rounded(item) for key, item in value.items()}
+        if "labels" in found and not isinstance(labels := found["labels"], float):  # float: of a class of this name
             # Null is left out, so that objects without labels are written as before there were any; in order of names,
             # without those that are rounded to nothing.
             found["labels"] = {name: p for name, p in sorted((labels or {}).items()) if p}

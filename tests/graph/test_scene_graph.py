@@ -138,6 +138,12 @@ BAD = {
     "infinity": (update(objects=[Object("n", "box", (float("inf"), 0.0, 0.0))]), "position within"),
     "too far": (update([Place("n", (2e9, 0.0, 0.0))]), "position within"),
     "NaN size": (update(objects=[Object("n", "box", (0.0,) * 3, (1.0, NAN, 1.0))]), "finite size"),
+    "labels of nothing": (update(objects=[Object("n", "box", (0.0,) * 3, None, {})]), "class to be the likeliest"),
+    "NaN label": (update(objects=[Object("n", "box", (0.0,) * 3, None, {"box": NAN})]), "probabilities in (0, 1]"),
+    "labels of more than one": (
+        update(objects=[Object("n", "box", (0.0,) * 3, None, {"box": 0.7, "bed": 0.6})]),
+        "at most 1 (got 1.3 for 'n')",
+    ),
     "sighting of a place": (update(sightings=[("a", "b")]), "sighting [place, object]"),
     "sighting the wrong way round": (update(sightings=[("x", "a")]), "sighting [place, object]"),
     "sighting of nothing": (update(sightings=[("a", "zz")]), "sighting [place, object]"),

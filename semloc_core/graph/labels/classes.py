@@ -7,6 +7,7 @@ localiser, the bridge and the player read labels through a `Reading`, and say in
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -28,6 +29,7 @@ from semloc_core.graph.labels.labelspace import (
     union,
 )
 from semloc_core.text import short_repr
+from semloc_core.wire import DECIMALS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -205,10 +207,29 @@ class Labels:
         return update if things is None else msgspec.structs.replace(update, objects=things)
 
     def _things(self, things: Collection[Object]) -> list[Object] | None:
-        names = [self.name(thing.class_) for thing in things]
-        if all(name == thing.class_ for name, thing in zip(names, things, strict=True)):
+        read = [
+            (self.name(t.class_), None) if t.labels is None else self._likeliest(t.class_, t.labels) for t in things
+        ]
+        if all(one == (thing.class_, thing.labels) for one, thing in zip(read, things, strict=True)):
             return None
-        return [msgspec.structs.replace(t, class_=name) for name, t in zip(names, things, strict=True)]
+        return [
+            msgspec.structs.replace(thing, class_=name, labels=labels)
+            for (name, labels), thing in zip(read, things, strict=True)
+        ]
+
+    def _likeliest(self, class_: str, labels: Mapping[str, float]) -> tuple[str, dict[str, float] | None]:
+        """What an object most likely is, and all it may be: what becomes one class adds up, no name is the rest."""
+        shares: dict[str, list[float]] = {}
+        for label, p in labels.items():
+            if not is_nameless(name := self.name(label)):
+                shares.setdefault(name, []).append(p)
+        own = self.name(class_)
+        if not shares:
+            return own, None
+        found = {name: min(math.fsum(p), 1.0) for name, p in shares.items()}
+        # Of equals, as the wire writes them, the object's own class stays; else the first by name.
+        best = min(found, key=lambda name: (-round(found[name], DECIMALS), name != own, name))
+        return best, found
 
     def told(self) -> list[str]:
         """A line for each thing that had to be decided; none where the labels themselves said all."""

@@ -35,6 +35,8 @@ MEMORY = 20.0
 """Sightings that a position and a histogram of labels remember."""
 MOVED_M = 0.02
 """An object that moved less is not written anew."""
+MOVED_SHARE = 0.05
+"""Nor is one whose labels' shares changed less."""
 
 
 class BuilderConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -382,7 +384,16 @@ class GraphBuilder:
 
     def _object(self, thing: _Thing) -> Object:
         size = None if thing.size is None else _rounded(thing.size)
-        return Object(thing.key, thing.class_(), self._written(thing), size)
+        return Object(thing.key, thing.class_(), self._written(thing), size, self._labels(thing))
+
+    def _labels(self, thing: _Thing) -> dict[str, float] | None:
+        """What a thing may be, where that is several: what it was said to be, as long as that hardly changed."""
+        shares, was = thing.shares(), self._sent_things.get(thing.key)
+        if len(shares) < 2:
+            return None
+        said = (was[0].labels if was is not None and was[0].class_ == thing.class_() else None) or {}
+        same = said.keys() == shares.keys() and all(abs(said[name] - p) < MOVED_SHARE for name, p in shares.items())
+        return said if same else shares
 
     def _written(self, thing: _Thing) -> Position:
         """Where a thing is said to be: where it was said to be, as long as it hardly moved."""

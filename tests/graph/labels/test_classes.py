@@ -5,6 +5,8 @@ import pytest
 from semloc_core.errors import LabelspaceError
 from semloc_core.graph.labels.classes import Reading, advice, all_unknown
 from semloc_core.graph.labels.labelspace import Labelspace
+from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.wire import Object, decode_update, encode
 
 MAP = Labelspace("map", ("chair", "couch", "bed"), {"chair": (3,), "couch": (11,)}, synonyms={"sofa": "couch"})
 FILE = {3: "Bed", 7: "lamp", 11: "class_11"}
@@ -62,6 +64,39 @@ def test_classes_to_work_in_are_those_that_labels_are_read_as():
     assert Reading(synonyms={"sofa": "couch"}).classes_of([own]).classes == ("couch", "lamp")
     assert Reading().classes_of([own, own]).classes == ("Sofa", "lamp")
     assert Reading(known=MAP).classes_of([own]) == MAP
+
+
+def read(labels: dict[str, float] | None, class_: str, **said: object) -> Object:
+    update = SceneGraph.of(objects=[Object("o", class_, (0.0, 0.0, 0.0), None, labels)]).to_update(0, 0, "odom")
+    reader = Reading(**{"known": MAP} | said).labels()
+    found = reader.update(update)
+    assert reader.graph(SceneGraph.from_update(update)).objects == {"o": found.objects[0]}
+    return decode_update(encode(found)).objects[0]
+
+
+def test_what_an_object_may_be_is_read_like_what_it_is():
+    """Labels of one class add up, and the class is the likeliest of what they then are."""
+    one = read({"bed": 0.4, "Sofa": 0.25, "class_11": 0.25, "lamp": 0.1}, "bed")
+    assert (one.class_, one.labels) == ("couch", {"couch": 0.5, "bed": 0.4, "lamp": 0.1})
+    tied = read({"sofa": 0.5, "bed": 0.5}, "sofa")
+    assert (tied.class_, tied.labels) == ("couch", {"bed": 0.5, "couch": 0.5}), "the object's own class stays"
+    joined = read({"settee": 0.6, "chair": 0.3}, "settee", synonyms={"settee": "chair"})
+    assert (joined.class_, joined.labels) == ("chair", {"chair": 0.9})
+    thirds = read({"sofa": 0.3335, "couch": 0.3335, "class_11": 0.3335}, "sofa")
+    assert thirds.labels == {"couch": 1.0}, "publishers round"
+
+
+def test_labels_that_are_read_as_no_name_are_the_rest():
+    one = read({"Un known": 0.6, "chair": 0.3}, "Un known")
+    assert (one.class_, one.labels) == ("chair", {"chair": 0.3})
+    none = read({"Un known": 0.6}, "Un known")
+    assert none.labels is None
+    assert read(None, "unknown").class_ == "unknown"
+
+
+def test_a_graph_whose_labels_are_the_maps_is_left_as_it_is():
+    graph = SceneGraph.of(objects=[Object("o", "chair", (0.0, 0.0, 0.0), None, {"chair": 0.6, "bed": 0.3})])
+    assert Reading(known=MAP).labels().graph(graph) is graph
 
 
 def test_the_cause_is_named_where_the_map_knows_nothing():

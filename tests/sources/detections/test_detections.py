@@ -23,7 +23,7 @@ from semloc_core.sources.detections.builder import BuilderConfig, Detection, Gra
 from semloc_core.sources.detections.frames import Frames, LateError, NoPathError, Rigid
 from semloc_core.sources.detections.grid import free_places
 from semloc_core.sources.detections.nav2 import graph_of
-from semloc_core.wire import Object, Place, SceneGraphUpdate, encode, quaternion_of
+from semloc_core.wire import Object, Place, SceneGraphUpdate, decode_update, encode, quaternion_of
 
 
 def at(x, y=0.0, z=0.0, yaw=0.0):
@@ -74,6 +74,20 @@ def test_classes_are_a_histogram_and_confusions_do_not_make_another_object():
     assert robot.see(at(0), seen("couch", 2.1), times=4)[0][0] == "couch"
     assert len(robot.see(at(0), seen("couch", 2.1), seen("couch", 3.5))) == 2
     assert robot.see(at(0), Detection({}, at(1.0, 0.9), None))[2][0] == "unknown"
+
+
+def test_what_an_object_may_be_is_published_where_it_was_seen_as_several():
+    robot = Watched(confirm_after=1)
+    robot.see(at(0), seen("chair", 2.0, score=0.8), times=3)
+    (thing,) = robot.graph.objects.values()
+    assert thing.labels is None
+    robot.see(at(0), Detection({}, at(2.0)))
+    robot.see(at(0), Detection({"couch": 0.5, "chair": 0.4}, at(2.0)))
+    (thing,) = robot.graph.objects.values()
+    assert thing.labels == {"chair": 0.56, "couch": 0.1}  # of five sightings, one of them without a name
+    assert decode_update(encode(robot.updates[-1])).objects == [thing]
+    robot.see(at(0), Detection({"chair": 0.56, "couch": 0.1}, at(2.0)))
+    assert robot.updates[-1].objects == [], "what hardly changed is not written anew"
 
 
 def test_a_tracking_id_holds_where_the_object_moves():
