@@ -376,6 +376,8 @@ def perfect(fragment: Fragment, mapped: MappedLayout) -> float:
     """The score of what is seen, were each object exactly where the map has it."""
     config = mapped.config
     odds = config.detected / (2 * np.pi * config.spread_m**2) / mapped.invented[fragment.classes]
+    if fragment.likely is not None:
+        odds = odds * mapped.weights(fragment.likely)[np.arange(len(odds)), fragment.classes]
     return float(np.log1p(odds).sum())
 
 

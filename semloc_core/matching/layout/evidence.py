@@ -126,7 +126,7 @@ def evidence_at(verifier: LayoutVerifier, fragment: Fragment, row: int) -> Evide
 
 
 def _partners(mapped: MappedLayout, fragment: Fragment, there: There, where: Complex) -> Ints:
-    """(n,) the mapped object that each seen one is likeliest to be; -1 where none of its class is around."""
+    """(n,) the mapped object that each seen one is likeliest to be; -1 where none of its classes is around."""
     partner = np.full(len(fragment.classes), -1, dtype=np.int64)
     if not len(where):
         return partner
@@ -135,7 +135,11 @@ def _partners(mapped: MappedLayout, fragment: Fragment, there: There, where: Com
     above = np.subtract.outer(up, there.up) / mapped.config.height_spread_m
     log_odds = np.log(np.maximum(mapped.odds[there.objects], np.finfo(np.float64).tiny))
     log_odds = log_odds - 0.5 * (off * off + above * above)
-    log_odds[np.not_equal.outer(fragment.classes, there.classes)] = -np.inf
+    if fragment.likely is None:
+        log_odds[np.not_equal.outer(fragment.classes, there.classes)] = -np.inf
+    else:
+        with np.errstate(divide="ignore"):
+            log_odds += np.log(mapped.weights(fragment.likely)[:, there.classes])
     best = np.round(log_odds, 6).argmax(axis=1)
     found = np.isfinite(log_odds[np.arange(len(best)), best])
     partner[found] = there.objects[best[found]]

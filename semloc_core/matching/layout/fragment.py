@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, SceneGraph
 from semloc_core.matching.layout.config import LayoutConfig
 from semloc_core.text import short_repr
+from semloc_core.wire import Object
 
 CELL_M = 0.8
 """Places are thinned to one a cell of this size, so that a mapper that lays them closer has no louder voice."""
@@ -30,6 +32,8 @@ class Fragment:
         origin: (3,) where the place is in the robot's frame, metres.
         ages: (n,) metres walked since each object last changed.
         drift: how much the robot's frame drifts (`graph.changes.drift.DriftMeter`); None where that is not known.
+        likely: (n, C + 1) probability of each object to be of each class, in the last column of having no name; None
+            where each is of its class.
 
     """
 
@@ -40,6 +44,7 @@ class Fragment:
     origin: Floats
     ages: Floats
     drift: float | None = None
+    likely: Floats | None = None
 
     def __post_init__(self) -> None:
         n = len(self.object_ids)
@@ -53,7 +58,12 @@ class Fragment:
         stays = self.classes != class_
         ids = tuple(id_ for id_, kept in zip(self.object_ids, stays.tolist(), strict=True) if kept)
         return replace(
-            self, objects=self.objects[stays], classes=self.classes[stays], object_ids=ids, ages=self.ages[stays]
+            self,
+            objects=self.objects[stays],
+            classes=self.classes[stays],
+            object_ids=ids,
+            ages=self.ages[stays],
+            likely=None if self.likely is None else self.likely[stays],
         )
 
 
@@ -89,7 +99,8 @@ def fragment_of_graph(
     classes = np.array([labelspace.index(item.class_) for item in items], dtype=np.int64)
     origin = np.array(graph.places[place], dtype=np.float64)
     ages = np.zeros(len(beside)) if age is None else np.array([age(key) for key in beside], dtype=np.float64)
-    return _around(origin, objects, classes, beside, graph.index.positions, config, ages, drift)
+    likely = _likely(items, labelspace)
+    return _around(origin, objects, classes, beside, graph.index.positions, config, ages, drift, likely)
 
 
 def fragment_of_arrays(
@@ -99,6 +110,20 @@ def fragment_of_arrays(
     origin, ages = graph.place_positions[place], np.zeros(graph.n_objects) if ages is None else ages
     positions, classes, ids = graph.object_positions, graph.object_classes, graph.object_ids
     return _around(origin, positions, classes, ids, graph.place_positions, config, ages, drift)
+
+
+def _likely(items: list[Object], labelspace: Labelspace) -> Floats | None:
+    """What each object may be; classes that the labelspace lacks are none of those that it has."""
+    if not any(item.labels for item in items):
+        return None
+    likely = np.zeros((len(items), len(labelspace.classes) + 1))
+    for row, item in zip(likely, items, strict=True):
+        labels = item.labels or {item.class_: 1.0}
+        for name, p in labels.items():
+            if (class_ := labelspace.index(name)) >= 0:
+                row[class_] += p
+        row[-1] = max(1.0 - math.fsum(labels.values()), 0.0)
+    return likely
 
 
 def near(offsets: Floats, config: LayoutConfig) -> NDArray[np.bool_]:
@@ -141,6 +166,7 @@ def _around(
     config: LayoutConfig,
     ages: Floats,
     drift: float | None,
+    likely: Floats | None = None,
 ) -> Fragment:
     offsets = objects - origin
     chosen = np.flatnonzero(near(offsets, config) & (classes >= 0))
@@ -156,4 +182,5 @@ def _around(
         origin=origin,
         ages=ages[chosen],
         drift=drift,
+        likely=None if likely is None else likely[chosen],
     )

@@ -81,6 +81,20 @@ class MappedLayout:
         near[row - first] = True
         return storeys_at(point, self.positions[first:last][near], storey[near].astype(np.int64))
 
+    def weights(self, likely: Floats) -> Floats:
+        """(n, C) what the odds of an object to be a mapped one of each class are to be multiplied by.
+
+        What an object is said to be, p(c), speaks for c by p(c) / frequency(c), and `odds` have the frequency in them.
+        What has no name may be anything, by its frequency; only classes that an object is said to be are looked at.
+
+        Args:
+            likely: (n, C + 1) as a fragment's.
+
+        """
+        named = likely[:, :-1]
+        found: Floats = np.where(named > 0, named + likely[:, -1:] * self.invented / self.config.invented, 0.0)
+        return found
+
     def kinds(self, classes: Ints) -> tuple[Ints32, Ints32]:
         """(n,) a small number for each of some classes, and (C,) the same number by class; -1 for all other classes."""
         of_class = np.full(self.n_classes, -1, dtype=np.int32)

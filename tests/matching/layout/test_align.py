@@ -5,10 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from semloc_core.graph import Labelspace, SceneGraph
 from semloc_core.graph.arrays import GraphArrays
-from semloc_core.matching.layout import LayoutConfig, LayoutPart, MappedLayout, fragment_of_arrays
+from semloc_core.matching.layout import (
+    LayoutConfig,
+    LayoutPart,
+    LayoutVerifier,
+    MappedLayout,
+    fragment_of_arrays,
+    fragment_of_graph,
+)
+from semloc_core.matching.layout.confidence import perfect
+from semloc_core.matching.layout.evidence import evidence_at
 from semloc_core.matching.layout.pose.align import align
 from semloc_core.matching.layout.pose.heading_vote import HEADINGS, best_poses, heading_scores
+from semloc_core.wire import Object, Place
 
 CONFIG = LayoutConfig()
 NONE = np.zeros((2, 0), dtype=np.int64)
@@ -66,6 +77,47 @@ def test_one_objects_share_is_the_likelihood_ratio_written_down():
     peak = CONFIG.detected / (2 * np.pi * CONFIG.spread_m**2)
     assert fitted.explained[0, 0] == pytest.approx(np.log1p(peak / mapped.invented[1]), rel=1e-6)
     assert fitted.walls[0] == 0
+
+
+def test_an_object_that_may_be_several_things_is_explained_by_each_as_likely_as_it_is():
+    """The mixture's likelihood ratio written down, where the map has a bed and the robot says: a couch, or a bed."""
+    space = Labelspace("three", ("chair", "couch", "bed"))
+    graph = building([[3.0, 0, 0], [0.0, 5.0, 0.0]], [2, 1], [[0, 0, 0], [1, 0, 0]])
+    mapped = layout(graph)
+    peak = CONFIG.detected / (2 * np.pi * CONFIG.spread_m**2)
+
+    def fitted(class_, labels):
+        thing = Object("o", class_, (3.0, 0.0, 0.0), None, labels)
+        live = SceneGraph.of([Place("p", (0.0, 0.0, 0.0))], [thing])
+        return fragment_of_graph(live, space, "p", CONFIG)
+
+    def explained(class_, labels):
+        return align(mapped, fitted(class_, labels), np.array([0]), np.array([0.0])).explained[0, 0]
+
+    assert explained("couch", None) == 0
+    frequency = mapped.invented[2] / CONFIG.invented
+    for labels, weight in (
+        ({"couch": 0.6, "bed": 0.4}, 0.4),
+        ({"couch": 0.6, "bed": 0.3}, 0.3 + 0.1 * frequency),
+        ({"couch": 0.6, "bed": 0.3, "lamp": 0.1}, 0.3),
+    ):
+        assert explained("couch", labels) == pytest.approx(np.log1p(weight * peak / mapped.invented[2]), rel=1e-6)
+    whole, plain = fitted("bed", {"bed": 1.0}), fitted("bed", None)
+    assert explained("bed", {"bed": 1.0}) == explained("bed", None) > explained("bed", {"bed": 0.9, "couch": 0.1})
+    assert perfect(whole, mapped) == perfect(plain, mapped) > perfect(fitted("bed", {"bed": 0.5}), mapped)
+    assert fitted("couch", {"couch": 0.6}).without(1).likely.shape == (0, 4)
+
+
+def test_evidence_names_what_explains_an_object_that_may_be_several_things(homes):
+    maps, _, space = homes
+    verifier = LayoutVerifier([maps[0]], [np.arange(maps[0].n_places)], len(space))
+    graph, place = maps[0].to_scene_graph(space), maps[0].place_ids[7]
+    plain = fragment_of_graph(graph, space, place, verifier.config)
+    key, other = plain.object_ids[0], int(plain.classes[0] == 0)
+    names = space.classes[other], space.classes[plain.classes[0]]
+    graph.amend(objects=[Object(key, names[0], graph.objects[key].position, None, {names[0]: 0.5, names[1]: 0.5})])
+    found = evidence_at(verifier, fragment_of_graph(graph, space, place, verifier.config), 7)
+    assert found.mapped[found.fragment.object_ids.index(key)] == key
 
 
 def test_an_object_that_should_have_been_seen_is_missed_and_one_elsewhere_is_not():

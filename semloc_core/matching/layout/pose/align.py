@@ -8,6 +8,8 @@ invented, the log-likelihood ratio of what is seen is
     − looked · Σ_j detected(j) [T⁻¹ y_j near a known place]                           what should have been seen too
     − Σ_k cost of the room at T p_k                                          where the map has no room
 
+(times `MappedLayout.weights` where a seen object may be of several classes)
+
 with x seen objects, y mapped ones of the same class, p known places and T the pose (turn about gravity, shift).
 """
 
@@ -142,18 +144,23 @@ def pairs_at(
 ) -> Pairs:
     """The pairs of a fragment and what is around T places that (T,) turns and shifts bring within ``reach`` metres."""
     config, t, n = mapped.config, len(turn), len(fragment.classes)
-    kind, of_class = mapped.kinds(fragment.classes)
+    objects, classes, whose, weight = fragment.objects, fragment.classes, None, None
+    if fragment.likely is not None:  # an object that may be several things is there once as each
+        weights = mapped.weights(fragment.likely)
+        whose, classes = np.nonzero(weights)
+        objects, weight = objects[whose], weights[whose, classes]
+    kind, of_class = mapped.kinds(classes)
     kinds = of_class[there.classes]
     wanted = np.flatnonzero(kinds >= 0)
-    x, y, up = np.ascontiguousarray(fragment.objects.T)
+    x, y, up = np.ascontiguousarray(objects.T)
     # One product has all squared distances. Kinds lie far apart along a third axis: pairs are of one kind.
     where = there.seen_from(turn, shift)[wanted]
     a = np.ones((5, len(wanted)))
     a[0], a[1], a[2] = where.real, where.imag, kinds[wanted] * (2 * reach)
     a[3] = (a[:3] ** 2).sum(axis=0)
     b = np.stack([x, y, kind * (2 * reach)])
-    b = np.vstack([-2 * b, np.ones(n), (b**2).sum(axis=0)])
-    entry, seen = np.divmod(np.flatnonzero(a.T @ b <= reach**2), n)
+    b = np.vstack([-2 * b, np.ones(len(classes)), (b**2).sum(axis=0)])
+    entry, seen = np.divmod(np.flatnonzero(a.T @ b <= reach**2), len(classes))
     entry = wanted[entry]
     above = (up[seen] - there.up[entry]) / config.height_spread_m
     close = np.flatnonzero(np.abs(above) <= FAR)
@@ -164,8 +171,10 @@ def pairs_at(
     at = np.arange(len(which)) + (np.arange(t) * k - np.cumsum(number) + number)[which]
     peak, rise, of = np.zeros(t * k), np.zeros(t * k), np.full(t * k, t * n)
     peak[at] = mapped.odds[there.objects[entry]] * np.exp(-0.5 * above * above)
+    if weight is not None:
+        peak[at] *= weight[seen]
     rise[at] = there.up[entry] - up[seen]
-    of[at] = which * n + seen
+    of[at] = which * n + (seen if whose is None else whose[seen])
     here, offset = (x + 1j * y)[seen], there.offset[entry]
     both = np.conj(here) * offset
     squares = here.real**2 + here.imag**2 + offset.real**2 + offset.imag**2
