@@ -141,8 +141,13 @@ def train(
             judged = "" if math.isnan(report.val_pr_auc) else f", PR-AUC {report.val_pr_auc:.3f} on held-out places"
             bar(report.step, report.steps, f"loss {report.train_loss:.3f}{judged}")
 
+        def on_view(made: int, views: int) -> None:
+            bar(made, views, "views of the buildings made" if made < views else "starting")
+
         resumed = resume if resume is not None and resume.exists() else None
-        result = run_training(arrays, space, config, progress=on_step, resume=resumed, checkpoint=resume, start=begun)
+        result = run_training(
+            arrays, space, config, progress=on_step, resume=resumed, checkpoint=resume, start=begun, preparing=on_view
+        )
     result.model.save(output)
     if curve is not None:
         if result.history:
@@ -151,11 +156,13 @@ def train(
             note(f"{name} has nothing to train, so there is no curve")
     console.print(f"{output}: {name}, {len(space)} classes, hash {result.model.hash[:12]}")
     console.print(_kept(result) if result.stopped != "nothing to train" else f"{name} has nothing to train")
-    judged = {"start": begun} if begun is not None else {}
-    rows = own_validation({**judged, "trained": result.model}, arrays, result.splits, seed)
+    trained = result.stopped != "nothing to train"
+    before = {"start": begun} if begun is not None else {"general": general_model(arrays, space)} if trained else {}
+    rows = own_validation({"trained": result.model, **before}, arrays, result.splits, seed)
     show("train", seed, graphs, rows, json_file, title="own validation: held-out places, as a detector sees them")
-    if begun is not None:
-        _say_gain(rows)
+    for name in before:
+        for line in gains(rows, name, general=begun is None or start == GENERAL):
+            console.print(line)
 
 
 def _kept(result: TrainResult) -> str:
@@ -183,9 +190,24 @@ def _given(options: list[str]) -> dict[str, Any]:
     return given
 
 
-def _say_gain(rows: list[Row]) -> None:
-    """One line a scope: what training added to the start."""
+def gains(rows: list[Row], before: str, *, general: bool) -> list[str]:
+    """What training brought, a line a scope, and a last one if it brought nothing.
+
+    Args:
+        rows: of `own_validation`.
+        before: the method there that training is compared with.
+        general: whether that is the general encoder.
+
+    """
     found = {(row["method"], row["scope"]): float(row["success@1"] or 0) for row in rows}
-    for scope in dict.fromkeys(str(row["scope"]) for row in rows):
-        before, after = found["start", scope], found["trained", scope]
-        console.print(f"{scope}: success@1 {before:.3f} at the start, {after:.3f} trained ({after - before:+.3f})")
+    scopes = [scope for method, scope in found if method == "trained" and (before, scope) in found]
+    first = "the general encoder" if general else "the start"
+    how = "at the start" if before == "start" else f"by {first}"
+    lines = [
+        f"{scope}: success@1 {found[before, scope]:.3f} {how}, {found['trained', scope]:.3f} trained "
+        f"({found['trained', scope] - found[before, scope]:+.3f})"
+        for scope in scopes
+    ]
+    if scopes and all(found["trained", scope] <= found[before, scope] for scope in scopes):
+        lines.append(f"training brought nothing here: {first} does as well")
+    return lines

@@ -28,13 +28,15 @@ if TYPE_CHECKING:
         threshold_rows,
         worst,
     )
+    from semloc_core.evaluate.twins import MOST_SEEN, SEEN_M, LookAlikes, look_alikes
 else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "Aliasing", "AnotherDay", "Case", "LifeConfig", "SEEDS", "Study", "calibration_rows", "condition_rows",
-    "draw_buildings", "evaluate_ablation", "evaluate_candidates", "evaluate_detections", "evaluate_layout",
-    "evaluate_merge", "evaluate_office", "evaluate_online", "evaluate_relocalise", "evaluate_shortlist", "failures",
-    "home_cases", "map_aliasing", "office_variants", "reads_labels_only", "reliability_points", "status_rows",
-    "study_trust", "success_points", "threshold_rows", "world_cases", "worst",
+    "Aliasing", "AnotherDay", "Case", "LifeConfig", "LookAlikes", "MOST_SEEN", "SEEDS", "SEEN_M", "Study",
+    "calibration_rows", "condition_rows", "draw_buildings", "evaluate_ablation", "evaluate_candidates",
+    "evaluate_detections", "evaluate_layout", "evaluate_merge", "evaluate_office", "evaluate_online",
+    "evaluate_relocalise", "evaluate_shortlist", "failures", "home_cases", "look_alikes", "map_aliasing",
+    "office_variants", "reads_labels_only", "reliability_points", "status_rows", "study_trust", "success_points",
+    "threshold_rows", "world_cases", "worst",
 ]  # fmt: skip

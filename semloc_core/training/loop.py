@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import msgspec
 import numpy as np
@@ -34,6 +34,7 @@ from semloc_core.training.views.variants import Variant, VariantMaker, VariantPo
 from semloc_core.training.warm_start import take_over, view_pairs
 
 logger = logging.getLogger(__name__)
+T = TypeVar("T")
 
 # Streams of randomness under one seed; a stream's number never changes meaning, so that old seeds stay good.
 _TRAINING, _VALIDATION, _BATCHES, _TEMPERATURE = 1, 2, 3, 4
@@ -90,6 +91,7 @@ def train(
     resume: Path | None = None,
     checkpoint: Path | None = None,
     start: Model | None = None,
+    preparing: Callable[[int, int], None] | None = None,
 ) -> TrainResult:
     """Train an encoder on the graphs of one or more buildings.
 
@@ -105,6 +107,7 @@ def train(
         checkpoint: where to keep the training state, written at each look at the validation split.
         start: a model to go on from, in place of random weights and warm start; of this labelspace, its encoder the
             one that ``config`` names. It is what comes back where no step betters it on the validation split.
+        preparing: called with views made before the first step, and how many there are to be.
 
     Raises:
         TrainingError: nothing to learn from (no graph, fewer than two places, no object of a known class), or a
@@ -133,14 +136,26 @@ def train(
 
     asking, validating = maker(_TRAINING, config.perturb, True), maker(_VALIDATION, config.validate, False)
     asked = None if config.perturb_map is None else maker(_MAPPED, config.perturb_map, False)
+    warm = config.warm_start_variants > 0 and resume is None and start is None
+    made, to_make = 0, config.validation_pairs * len(graphs) + warm * len(trained) * config.warm_start_variants
+
+    def told(view: T) -> T:
+        nonlocal made
+        made = min(made + 1, to_make)
+        if preparing is not None:
+            preparing(made, to_make)
+        return view
+
+    if preparing is not None:
+        preparing(0, to_make)
     held_out = [
-        [(validating.make(b, 2 * k), validating.make(b, 2 * k + 1)) for b in range(len(graphs))]
+        [told((validating.make(b, 2 * k), validating.make(b, 2 * k + 1))) for b in range(len(graphs))]
         for k in range(config.validation_pairs)
     ]
-    if config.warm_start_variants > 0 and resume is None and start is None:
+    if warm:
         perturb_map = config.perturb if config.perturb_map is None else config.perturb_map
         views = maker(_WARM_START, config.perturb, True), maker(_WARM_MAPPED, perturb_map, False)
-        encoder.warm_start(view_pairs(views, len(trained), config.warm_start_variants))
+        encoder.warm_start(map(told, view_pairs(views, len(trained), config.warm_start_variants)))
     pool = VariantPool(asking, config.pool, config.refresh_steps, asked)
     run = _Run(config, encoder, pool, held_out, len(trained))
     encoder.fit(extract_all(graph, len(labelspace), encoder.extraction) for graph in graphs)

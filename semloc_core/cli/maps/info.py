@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from semloc_core.metrics import Row
 
 UNASKED_PLACES = 20_000
-"""Maps of at most so many places are searched for look-alikes unasked: that takes a few seconds."""
-
-
+"""Maps of at most so many places are searched for look-alikes unasked."""
+REPEATS = 0.7
+"""Share of a storey's places that are like another one far off on it, from which on it is said to repeat itself."""
 MOVES = 0.05
 """Share of a class's objects that moves, from which on the class is named as one that does."""
 MOVING_CLASSES = 8
@@ -34,45 +34,148 @@ def info(
         bool | None,
         typer.Option(
             "--aliasing/--no-aliasing",
-            help="Say how many places look alike to an encoder of class labels (1-WL colour refinement); "
-            f"default: in maps of at most {UNASKED_PLACES} places.",
+            help=f"Say what looks alike; default: in maps of at most {UNASKED_PLACES} places.",
         ),
     ] = None,
     long: Annotated[
-        bool, typer.Option("--long", help="Classes building by building, and the model's options.")
+        bool,
+        typer.Option(
+            "--long",
+            help="Hashes, the model's options, classes building by building, and how many places an encoder of class "
+            "labels can't tell apart (1-WL colour refinement).",
+        ),
     ] = False,
     json_file: Json = None,
 ) -> None:
-    """Say what is in a map: buildings, places, classes, model, hash; and how many places look alike."""
+    """Say what a map is good for: what looks alike in it, storeys, how many objects a place has and needs.
+
+    Then its buildings and classes. --json has all that --long says.
+    """
     facts = _facts(map_place)
-    _print_head(facts)
-    _print_buildings(facts)
-    _print_classes(facts)
-    if long:
-        _print_long(facts)
+    name = facts["model"]["name"]
+    rows: list[Row] = [
+        {
+            "method": name,
+            "scope": b["name"],
+            "places": b["places"],
+            "objects": b["objects"],
+            "storeys": len(b["storeys"]),
+        }
+        for b in facts["buildings"]
+    ]
+    asked = facts["places"] <= UNASKED_PLACES if aliasing is None else aliasing
     with to_read(map_place) as (map_, model):
+        console.print(_head(facts))
+        if asked and facts["places"]:
+            said, more = _good_for(map_, name)
+            for row, own in zip(rows, more, strict=False):
+                row.update(own)
+            rows += more[len(rows) :]
+            for line in said:
+                console.print(f"- {line}")
+        elif aliasing is None and facts["places"]:
+            console.print(
+                "- Look-alikes: --aliasing says which buildings look alike, and how few objects a place needs."
+            )
+        _print_buildings(facts)
+        _print_classes(facts)
         _print_unknown(facts, model)
-        asked = facts["places"] <= UNASKED_PLACES if aliasing is None else aliasing
-        alike = _aliasing_rows(map_, model) if asked else []
-        if alike:
-            _print_alike(alike, model)
-        elif asked:
-            _line("alike", "no place to tell from others")
-        elif aliasing is None:
-            _line("alike", "--aliasing says how many places look alike to an encoder of class labels")
+        alike = _aliasing_rows(map_, model) if asked and (long or json_file is not None) else []
+        if long:
+            _print_long(facts)
+            if alike:
+                _print_alike(alike, model)
+            elif asked:
+                _line("alike", "no place to tell from others")
     if json_file is not None:
-        name = facts["model"]["name"]
-        rows: list[Row] = [
-            {
-                "method": name,
-                "scope": b["name"],
-                "places": b["places"],
-                "objects": b["objects"],
-                "storeys": len(b["storeys"]),
-            }
-            for b in facts["buildings"]
-        ]
         write_json(json_file, "map info", 0, [map_place], [*rows, *alike])
+
+
+def _head(facts: dict[str, Any]) -> str:
+    """What there is, in one sentence."""
+    objects = sum(building["objects"] for building in facts["buildings"])
+    classes = len({name for building in facts["buildings"] for name in building["classes"]})
+    held = f"{many(facts['places'], 'place')}, {many(objects, 'object')} of {many(classes, 'class', 'classes')}"
+    return f"{facts['name']}: {many(len(facts['buildings']), 'building')}, {held}"
+
+
+def _good_for(map_: ReadableMap, model: str) -> tuple[list[str], list[Row]]:
+    """What to expect of a map, in sentences; and in figures, a row a building and one for all."""
+    import numpy as np
+
+    from semloc_core.evaluate import MOST_SEEN, SEEN_M, look_alikes
+    from semloc_core.graph import storeys_of
+
+    parts = [map_.building(building)[1] for building in map_.buildings]
+    graphs = [map_.graph(building) for building in map_.buildings]
+    known = [storeys_of(graph) for graph in graphs]
+    on = [np.array([of[id_] for id_ in part.ids]) for part, of in zip(parts, known, strict=True)]
+    keys = np.concatenate([np.column_stack([np.full(len(each), b), each]) for b, each in enumerate(on)])
+    floors, floor = np.unique(keys, axis=0, return_inverse=True)
+    several = [len(np.unique(each)) > 1 for each in on]
+    names = [
+        f"{cut(map_.buildings[b])}, storey {storey + 1}" if several[b] else cut(map_.buildings[b])
+        for b, storey in floors.tolist()
+    ]
+    found = look_alikes(
+        np.concatenate([part.embeddings for part in parts]),
+        np.concatenate([part.positions for part in parts]),
+        floor.reshape(-1),
+        [(len(part.ids), graph) for part, graph in zip(parts, graphs, strict=True)],
+    )
+    twins = [" = ".join(names[f] for f in group) for group in found.twins]
+    half, most = found.needed
+    bare = int((found.near == 0).sum())
+    said = [
+        f"Storeys: {sum(several)} of {many(len(several), 'building')} {'has' if sum(several) == 1 else 'have'} several."
+        if any(several)
+        else "Storeys: one in each building."
+        if len(several) > 1
+        else "Storeys: one.",
+        f"Look-alikes: {'; '.join(twins)}. Expect `ambiguous` there until the robot has seen what differs, if anything "
+        "does; naming the building, or the filter, helps."
+        if twins
+        else "Look-alikes: no building or storey is the twin of another."
+        if len(floors) > 1
+        else "Look-alikes: there is one storey, so no other to take it for.",
+    ]
+    rooms = [name for name, share in zip(names, found.doubled.tolist(), strict=True) if share >= REPEATS]
+    if rooms:
+        itself = "repeats itself" if len(rooms) == 1 else "repeat themselves"
+        said.append(
+            f"Look-alikes within: {'; '.join(rooms)} {itself}: most places there are like another far off: expect to "
+            "drive some metres before a `match`."
+        )
+    said.append(
+        f"Objects: half of the places have {int(np.median(found.near))} or more within {SEEN_M:g} m"
+        + (
+            f"; {bare} of {len(found.near)} have none: a robot that starts there has nothing to go by."
+            if bare
+            else "; none has none."
+        )
+    )
+    if half is None:
+        said.append(f"Needs: the classes of the {MOST_SEEN} nearest objects do not tell half of the places apart.")
+    else:
+        nine = f"{most} tell nine in ten" if most is not None else f"{MOST_SEEN} do not tell nine in ten"
+        said.append(
+            f"Needs: the classes of the {many(half, 'nearest object')} tell half of the places from all others, "
+            f"{nine}; fewer are enough where distances tell, more are needed where objects moved."
+        )
+    near = np.split(found.near, np.cumsum([len(part.ids) for part in parts])[:-1])
+    rows: list[Row] = []
+    for b in range(len(parts)):
+        own = {f for f in range(len(floors)) if floors[f][0] == b}
+        others = [names[f] for group in found.twins if own & set(group) for f in group if f not in own or several[b]]
+        rows.append(
+            {
+                "objects_near_p50": float(np.median(near[b])),
+                "places_without_objects": int((near[b] == 0).sum()),
+                "twins": ", ".join(others),
+            }
+        )
+    rows.append({"method": model, "scope": "all", "objects_needed_p50": half, "objects_needed_p90": most})
+    return said, rows
 
 
 def _facts(place: str) -> dict[str, Any]:
@@ -86,19 +189,6 @@ def _facts(place: str) -> dict[str, Any]:
 
 def _line(name: str, text: str) -> None:
     console.print(Text.assemble((f"{name:11s}", "bold"), " ", text))
-
-
-def _print_head(facts: dict[str, Any]) -> None:
-    model, space = facts["model"], facts["labelspace"]
-    objects = sum(building["objects"] for building in facts["buildings"])
-    size = f" ({facts['bytes'] / 1e6:.1f} MB, format {facts['format_version']})" if "bytes" in facts else ""
-    buildings = many(len(facts["buildings"]), "building")
-    classes = len({name for building in facts["buildings"] for name in building["classes"]})
-    held = f"{many(facts['places'], 'place')}, {many(objects, 'object')} of {many(classes, 'class', 'classes')}"
-    _line("map", f"{facts['name']}{size}: {buildings}, {held}")
-    _line("hash", facts["hash"])
-    _line("model", f"{model['name']} {model['hash'][:12]}, {many(facts['dimension'], 'number')} a place")
-    _line("labelspace", f"{space['name']} {space['hash'][:12]}, {many(space['classes'], 'class', 'classes')}")
 
 
 def _table(*names: str) -> Table:
@@ -157,6 +247,12 @@ def _moving(rates: dict[str, float]) -> str:
 
 
 def _print_long(facts: dict[str, Any]) -> None:
+    model, space = facts["model"], facts["labelspace"]
+    if "bytes" in facts:
+        _line("file", f"{facts['bytes'] / 1e6:.1f} MB, format {facts['format_version']}")
+    _line("hash", facts["hash"])
+    _line("model", f"{model['name']} {model['hash'][:12]}, {many(facts['dimension'], 'number')} a place")
+    _line("labelspace", f"{space['name']} {space['hash'][:12]}, {many(space['classes'], 'class', 'classes')}")
     for building in facts["buildings"]:
         classes = ", ".join(f"{name} {count}" for name, count in building["classes"].items())
         _line("objects", f"{building['name']}: {classes or 'none'}")

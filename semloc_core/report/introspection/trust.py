@@ -12,6 +12,8 @@ from semloc_core.report.introspection.figures import FidelityCurves, fidelity_fi
 from semloc_core.report.introspection.sections import plain, readable
 from semloc_core.report.page import Section, Table
 
+LAYERS = {"project": "input", "layers": "messages", "gat": "attention", "embed": "output", "score": "attention"}
+"""Parts of the encoders for readers."""
 PARTS = ("necessity", "sufficiency", "characterisation")
 
 
@@ -104,7 +106,7 @@ def sanity(found: Introspection) -> Section | None:
         {
             "explainer": plain(method),
             **{
-                layer: next(
+                layer_name(layer): next(
                     (_figure(r) for r in rows if (r["method"], r["scope"], r["way"]) == (method, layer, way)), None
                 )
                 for layer in layers
@@ -120,7 +122,7 @@ def sanity(found: Introspection) -> Section | None:
         "The network's weights are shuffled, layer after layer from its output down; an explanation of the model must "
         f"become another one, and its line fall to zero. {verdict}{hangs}",
         to_svg(
-            randomisation_figure(layers, lines),
+            randomisation_figure([layer_name(layer) for layer in layers], lines),
             "sanity",
             "rank correlation with the explanations of the trained model, layer after layer shuffled",
         ),
@@ -128,7 +130,7 @@ def sanity(found: Introspection) -> Section | None:
             Table(
                 "Spearman's ρ with the explanation of the trained model, mean over places and runs",
                 table,
-                "Attention does not look past its own layer: shuffling the last one (embed) can't change it.",
+                "Attention does not look past its own layer: shuffling the output can't change it.",
             ),
             Table(
                 "Integrated Gradients from other baselines, and with more steps: ρ with zero; completeness gap",
@@ -218,6 +220,12 @@ def frequency(found: Introspection) -> Section:
         wide=True,
         open=True,
     )
+
+
+def layer_name(layer: str) -> str:
+    """A part of the network as a reader takes it: ``layers.1`` is the second pass of messages."""
+    part, _, number = layer.partition(".")
+    return f"{LAYERS.get(part, plain(part))} {int(number) + 1}" if number.isdecimal() else LAYERS.get(part, plain(part))
 
 
 def _w(row: Row) -> float:

@@ -28,13 +28,17 @@ def test_the_first_lines_say_what_a_robot_is_trusted_to(semloc, home, tmp_path) 
     told = semloc("map", "info", built(semloc, tmp_path, home))
     assert told.code == 0, told.err
     first = told.out.splitlines()
-    assert first[0].startswith("map         a (")
-    assert first[0].endswith("1 building, 6 places, 6 objects of 3 classes")
-    assert [line.split()[0] for line in first[1:4]] == ["hash", "model", "labelspace"]
-    assert len(first[1].split()[1]) == 64
+    assert first[0] == "a: 1 building, 6 places, 6 objects of 3 classes"
+    assert first[1:4] == [
+        "- Storeys: one.",
+        "- Look-alikes: there is one storey, so no other to take it for.",
+        "- Objects: half of the places have 6 or more within 5 m; none has none.",
+    ]
     for row in (["home", "6", "6", "1"], ["chair", "4"], ["couch", "1"], ["bed", "1"]):
         assert row in lines(told.out), row
-    assert not any(word in told.out for word in ("┃", "…", "centres")), "no frame, nothing cut off, no options unasked"
+    assert not any(word in told.out for word in ("┃", "…", "centres", "hash", "1-WL")), (
+        "no frame, nothing cut off, no jargon"
+    )
 
 
 def test_places_that_look_alike_are_counted_for_every_encoder(semloc, write_corridor, tmp_path) -> None:
@@ -43,7 +47,7 @@ def test_places_that_look_alike_are_counted_for_every_encoder(semloc, write_corr
     flat = write_corridor(tmp_path / "flat.json", rooms)
     map_file = built(semloc, tmp_path, flat)
     assert semloc("map", "add", map_file, flat, "--name", "copy").code == 0
-    told = semloc("map", "info", map_file, "--json", tmp_path / "info.json")
+    told = semloc("map", "info", map_file, "--long", "--json", tmp_path / "info.json")
     assert "class labels within 3 hops" in told.out
     assert "geodesic_attention reads distances too: to it this is no ceiling" in told.out
     rows = {row["scope"]: row for row in json.loads((tmp_path / "info.json").read_text())["rows"] if "colours" in row}
@@ -56,11 +60,12 @@ def test_places_that_look_alike_are_counted_for_every_encoder(semloc, write_corr
 
 def test_it_is_left_out_where_not_wanted_and_offered_where_it_takes_long(semloc, home, tmp_path, monkeypatch) -> None:
     map_file = built(semloc, tmp_path, home)
-    assert "alike" not in semloc("map", "info", map_file, "--no-aliasing").out
+    assert "alike" not in semloc("map", "info", map_file, "--no-aliasing", "--long").out
     monkeypatch.setattr(map_info, "UNASKED_PLACES", 5)
     told = semloc("map", "info", map_file)
-    assert "--aliasing says how many places look alike" in told.out
-    assert "at most" not in told.out
+    assert "--aliasing says which buildings look alike" in told.out
+    assert "Objects:" not in told.out
+    assert "Objects:" in semloc("map", "info", map_file, "--aliasing").out
 
 
 def test_only_classes_that_move_are_said_to() -> None:
@@ -81,7 +86,7 @@ def test_one_is_one_and_a_long_name_does_not_widen_the_table(semloc, write_corri
 def test_an_encoder_of_labels_gets_its_own_ceiling(semloc, home, tmp_path) -> None:
     model = tmp_path / "words.model"
     assert semloc("train", home, "-o", model, "--encoder", "bag_of_words").code == 0
-    told = semloc("map", "info", built(semloc, tmp_path, home, model=str(model)))
+    told = semloc("map", "info", built(semloc, tmp_path, home, model=str(model)), "--long")
     assert "class labels within" in told.out
     assert "no ceiling" not in told.out
 
@@ -96,3 +101,22 @@ def test_long_lists_classes_by_building_and_options(semloc, home, tmp_path) -> N
     told = semloc("map", "info", built(semloc, tmp_path, home), "--long")
     assert "objects     home: chair 4, bed 1, couch 1" in told.out
     assert "centres" in told.out
+    said = [line.split()[0] for line in told.out.splitlines() if line]
+    assert {"file", "hash", "model", "labelspace", "alike"} <= set(said)
+    assert said.index("-") < said.index("building") < said.index("hash"), "words first"
+
+
+def test_twin_buildings_are_named_and_others_are_not(semloc, write_corridor, tmp_path) -> None:
+    rooms = ["chair", "couch", "bed", "toilet", "sink", "tv", "vase", "book", "oven", "clock"] * 2
+    flat = write_corridor(tmp_path / "flat.json", rooms)
+    other = write_corridor(tmp_path / "other.json", rooms[3:13:2] + rooms[::3] + rooms[1::4])
+    map_file = built(semloc, tmp_path, flat, other)
+    told = semloc("map", "info", map_file, "--json", tmp_path / "one.json")
+    assert "- Look-alikes: no building or storey is the twin of another.\n" in told.out
+    assert semloc("map", "add", map_file, flat, "--name", "copy").code == 0
+    told = semloc("map", "info", map_file, "--json", tmp_path / "two.json")
+    assert "- Look-alikes: copy = flat. Expect `ambiguous` there" in told.out
+    assert "- Needs: the classes of the" in told.out
+    rows = [json.loads((tmp_path / name).read_text())["rows"] for name in ("one.json", "two.json")]
+    twins = [{row["scope"]: row["twins"] for row in found if "twins" in row} for found in rows]
+    assert twins == [{"flat": "", "other": ""}, {"copy": "flat", "flat": "copy", "other": ""}]

@@ -11,6 +11,7 @@ from semloc_core.report.introspection.figures import (
     randomisation_figure,
     shift_figure,
 )
+from semloc_core.report.introspection.trust import layer_name
 
 
 def test_three_matrices_with_their_titles_each_with_its_scale():
@@ -79,3 +80,8 @@ def test_randomisation_starts_at_the_model_as_it_is():
     marks = Marks(randomisation_figure(["embed", "gat"], {"saliency": [0.5, 0.1], "class_shapley": [0.4, -0.1]}))
     assert (marks.count("shuffled-0"), marks.count("shuffled-1")) == (3, 3)
     assert {"none", "+ embed", "+ gat", "saliency", "class shapley"} <= set(marks.labels)
+
+
+def test_layers_have_names_for_readers() -> None:
+    names = [layer_name(layer) for layer in ("project", "layers.0", "layers.1", "gat", "embed", "some_part")]
+    assert names == ["input", "messages 1", "messages 2", "attention", "output", "some part"]
