@@ -1,6 +1,6 @@
 """Replay: the node's work on a recorded run, without ROS. Same input, same bytes out.
 
-What a run is says `semloc_core.sources.run`; a ground-truth topic, where it has one, is used for scoring only.
+What a run is says `semloc_core.sources.Run`; a ground-truth topic, where it has one, is used for scoring only.
 Results are written with the stamps of the input.
 """
 
@@ -114,10 +114,10 @@ def replay(
     """Localise along a recorded run.
 
     Args:
-        run: the run, see `semloc_core.sources.run.Run`.
+        run: the run, see `semloc_core.sources.Run`.
         map_: the map; or a localiser in one that knows nothing yet, with the same options.
         config: the localiser's options.
-        topic, robot, truth_topic: which of the run's topics, see `semloc_core.sources.run.Run`.
+        topic, robot, truth_topic: which of the run's topics, see `semloc_core.sources.Run`.
         truth_tolerance_s: how far apart the stamps of an answer and of its ground truth may be.
         results: a bag to write matches, attributions, evidence, poses and the ground truth to.
         tum: takes poses and the ground truth too.

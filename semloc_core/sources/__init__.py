@@ -29,7 +29,10 @@ if TYPE_CHECKING:
     from semloc_core.sources.hydra.read import AgentPose, HydraFile, read_hydra
     from semloc_core.sources.hydra.stream import DsgStream, odometry, query_place
     from semloc_core.sources.hydra.write import node_id, write_hydra
-    from semloc_core.sources.run import Run, decode_truth, graph_at_end, is_run, read_run, write_run, write_updates
+    from semloc_core.sources.runs.kind import is_run
+    from semloc_core.sources.runs.read import graph_at_end, read_run
+    from semloc_core.sources.runs.run import Run, decode_truth
+    from semloc_core.sources.runs.write import write_run, write_updates
     from semloc_core.sources.simulate.drift import Frame
     from semloc_core.sources.simulate.traversal import SimulationConfig, Step, simulate_traversal
     from semloc_core.sources.simulate.walks import Bools, Walk, WalkConfig, walk, walks_through

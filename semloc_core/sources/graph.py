@@ -7,7 +7,8 @@ from pathlib import Path
 
 from semloc_core.graph import Reading, SceneGraph, labelspace_from_hydra
 from semloc_core.sources.hydra import HydraFile, read_hydra
-from semloc_core.sources.run import graph_at_end, is_run
+from semloc_core.sources.runs.kind import is_run
+from semloc_core.sources.runs.read import graph_at_end
 
 
 def read_building(path: str | Path, reading: Reading | None = None) -> HydraFile:

@@ -22,6 +22,7 @@ import msgspec
 from msgspec import inspect as types
 
 from semloc_core.files import write_whole
+from semloc_core.text import short_repr
 from semloc_core.wire.codec import schema_of
 from semloc_core.wire.messages import MESSAGES, ClassAttributions, PlaceMatches
 
@@ -39,6 +40,7 @@ SCALARS: dict[type[types.Type], str] = {
 LINE = 100
 
 
+@short_repr
 class RosField(NamedTuple):
     """A field of a message.
 

@@ -11,8 +11,8 @@ from small_building import building_update, delta, make_map, make_model
 
 import semloc_core
 from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.sources import write_run
 from semloc_core.sources.hydra import write_hydra
-from semloc_core.sources.run import write_run
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")

@@ -50,7 +50,7 @@ def test_it_runs_away_from_the_clone(wheel, tmp_path) -> None:
         "import semloc_core, semloc_core.cli.demo as demo\n"
         "from semloc_core.graph.labels.label_sets import label_sets\n"
         "assert len(label_sets()['coco']) == 80\n"
-        "assert len(semloc_core.load_map(demo.FILES / 'office.map').buildings) == 1\n"
+        "assert len(semloc_core.load_map(demo.FILES / 'demo.map').buildings) == 2\n"
         "assert len(list(semloc_core.read_run(demo.FILES / 'demo_run.mcap'))) == 172\n"
         "print(semloc_core.__file__)"
     )

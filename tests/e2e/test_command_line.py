@@ -338,5 +338,7 @@ def test_a_synonym_file_joins_a_detectors_names_to_the_maps(semloc, house, model
 
 def test_help_teaches_the_whole_way(semloc):
     text = semloc("--help").out
-    for word in ("semloc train", "semloc map build", "semloc bag simulate", "semloc replay"):
-        assert word in text
+    steps = ("semloc world", "semloc map build", "semloc bag simulate", "semloc replay", "semloc view")
+    at = [text.find(step) for step in steps]
+    assert -1 not in at
+    assert at == sorted(at), "a first day's commands, in order"

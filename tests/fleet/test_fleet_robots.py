@@ -25,7 +25,7 @@ from semloc_core.fleet.writing.database import FleetDatabase
 from semloc_core.graph.arrays import GraphArrays
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.replay.recorded import replay
-from semloc_core.sources.run import write_run
+from semloc_core.sources import write_run
 from semloc_core.sources.simulate import SimulationConfig, simulate_traversal
 
 NAMES = ["hq/it's", 'hq/"1"', "hq/größe", "lab 1", "lab\\2", "lab%"]

@@ -28,9 +28,9 @@ from semloc_core.graph.labels.labelspace import load_labelspace
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import describe, load
 from semloc_core.map_database.stored.records import PackedGraph, unpack_graph
+from semloc_core.sources import read_run
 from semloc_core.sources.bag import read_messages
 from semloc_core.sources.hydra import read_hydra
-from semloc_core.sources.run import read_run
 from semloc_core.wire.messages import MESSAGES
 
 LONGEST_LINE = 1000

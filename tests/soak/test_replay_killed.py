@@ -17,8 +17,8 @@ from semloc_core.config import LocaliserConfig
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.map_database import LoadedMap
 from semloc_core.replay import recorded as replaying
+from semloc_core.sources import write_run
 from semloc_core.sources.bag import BagWriter, read_messages
-from semloc_core.sources.run import write_run
 from semloc_core.sources.simulate.traversal import SimulationConfig, simulate_traversal
 
 ROUNDS = int(os.environ.get("SEMLOC_SOAK", "0")) or 6  # set by `make soak`

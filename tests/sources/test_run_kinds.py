@@ -9,8 +9,9 @@ from small_building import building_update
 from semloc_core import wire
 from semloc_core.errors import BagError
 from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.sources import Run, graph_at_end, is_run, read_run
 from semloc_core.sources.bag import BagWriter, StampedPose, read_messages
-from semloc_core.sources.run import Run, graph_at_end, is_run, read_run, robots_of
+from semloc_core.sources.runs.kind import robots_of
 from semloc_core.sources.truth import TruthMatcher
 
 UPDATE = building_update(seed=0)

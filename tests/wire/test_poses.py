@@ -18,8 +18,8 @@ from semloc_core.graph.arrays import GraphArrays
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import MapDatabase, load
 from semloc_core.replay.recorded import POSE_TOPIC, replay
+from semloc_core.sources import write_run
 from semloc_core.sources.bag import POSE_WITH_COVARIANCE, read_messages
-from semloc_core.sources.run import write_run
 from semloc_core.sources.simulate import SimulationConfig, simulate_traversal
 from semloc_core.sources.world import KINDS, draw_pair
 from semloc_core.wire import PlaceMatches, decode, encode

@@ -50,7 +50,7 @@ class Reading:
         said: the labelspace that a person names.
         synonyms: what a person joins: a name, or ``class_7`` for number 7 -> a class.
         known: the labelspace of the map or model.
-        topic, robot: which updates of a run are meant; None: what `semloc_core.sources.run.Run` finds by itself.
+        topic, robot: which updates of a run are meant; None: what `semloc_core.sources.Run` finds by itself.
         shipped: ``said`` is one that semloc ships: it was not written for the file at hand. Its numbers overrule the
             file's names only where its numbering is the file's, as far as names that both have tell.
         auto: names that are not known are looked for in the cross-walk of label sets (`label_sets.yaml`).

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from semloc_core.graph import Floats, Ints, ranges
 from semloc_core.matching.layout.building.near_pairs import Nearby, nearest
@@ -38,7 +37,8 @@ NEAR_M = 2.0
 _STEPS = 128
 """Distances are sorted to so many parts of a metre."""
 _STRIDE = _STEPS * 16
-_APART = 1e5
+_AT_ONCE = 2_000_000
+"""Distances that are held at once."""
 _BITS, _MIDDLE = 12, 64
 
 
@@ -86,7 +86,7 @@ class PairVotes:
         objects: (K, 3) of all buildings, metres.
         sizes: how many of them each building has.
         places: (M, 3) metres.
-        building: (M,) of each place.
+        building: (M,) of each place, rising.
         n_classes: C.
 
     """
@@ -116,9 +116,8 @@ class PairVotes:
         self._heading = off / np.maximum(np.abs(off), 1e-9)
         self._middle, self._height = (at[first] + at[second]) / 2, (objects[first, 2] + objects[second, 2]) / 2
         self._rise = objects[second, 2] - objects[first, 2]
-        self._of_place, self._places = building, len(places)
-        # Buildings side by side in a fourth dimension, lest a pose be near another one's places.
-        self._tree = cKDTree(np.column_stack([places, building * _APART])) if len(places) else None
+        self._of_place = building
+        self._at, self._start = places, np.searchsorted(building, np.arange(len(pairs) + 1))
         self._corner = np.zeros(len(pairs), dtype=np.complex128)
         for number, (low, size) in enumerate(zip(before, sizes, strict=False)):
             if size:
@@ -139,7 +138,7 @@ class PairVotes:
             can = np.bincount(self._of_place[only], minlength=len(self._corner)) > 0
             there = can[self._building[hits]]
             hits, seen, weight = hits[there], seen[there], weight[there]
-        if self._tree is None or not len(hits):
+        if not len(self._at) or not len(hits):
             return none
         i, j, off = self._seen
         here = fragment.objects[:, 0] + 1j * fragment.objects[:, 1]
@@ -163,12 +162,25 @@ class PairVotes:
         x, y, z = (np.bincount(to, w * v[chosen]) / votes[best] for v in (where.real, where.imag, height))
         first = np.zeros(len(best), dtype=np.int64)
         first[to] = building[chosen]
-        off_m, row = self._tree.query(np.column_stack([x, y, z, first * _APART]), distance_upper_bound=NEAR_M)
-        row = row[np.isfinite(off_m)].astype(np.int64)
+        row = self._nearest(np.column_stack([x, y, z]), first)
+        row = row[row >= 0]
         if only is not None:
             row = row[only[row]]
         kept: Ints = np.array(list(dict.fromkeys(row.tolist())), dtype=np.int64)
         return kept
+
+    def _nearest(self, poses: Floats, building: Ints) -> Ints:
+        """(N,) the nearest place of its building to each pose (N, 3), metres; -1 where none is near."""
+        found = np.full(len(poses), -1, dtype=np.int64)
+        for number in np.unique(building).tolist():
+            places = self._at[self._start[number] : self._start[number + 1]]
+            asked = np.flatnonzero(building == number)
+            for part in np.array_split(asked, 1 + len(asked) * len(places) // _AT_ONCE) if len(places) else ():
+                square = sum((np.subtract.outer(poses[part, k], places[:, k]) ** 2 for k in range(3)), np.zeros(1))
+                best = square.argmin(axis=1)
+                near = square[np.arange(len(part)), best] <= NEAR_M**2
+                found[part[near]] = best[near] + self._start[number]
+        return found
 
     def _hits(self, fragment: Fragment) -> tuple[Ints, Ints, Floats]:
         """(H,) mapped pairs, the number of the seen pair that each is like, and what its vote weighs."""

@@ -104,7 +104,7 @@ def read_results(
         loaded: the map that answered.
         run: the run that was answered; the ground truth is taken from it, and the test is taken apart at the rivals of
             each answer, if it has updates. None: the results' own, where they have any.
-        topic, robot: which of the run's topics, see `semloc_core.sources.run.Run`.
+        topic, robot: which of the run's topics, see `semloc_core.sources.Run`.
         truth_tolerance_s: how far apart the stamps of an answer and of its ground truth may be.
         node: name of the node; its answers are on ``<node>/matches``, what they rest on on ``<node>/evidence``.
         reading: how the run's labels are read; None leaves them to the map.

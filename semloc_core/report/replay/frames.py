@@ -19,6 +19,7 @@ from semloc_core.graph import Floats, storey_at
 from semloc_core.map_database import LoadedMap
 from semloc_core.matching import Evidence as Found
 from semloc_core.matching import Located
+from semloc_core.text import short_repr
 
 CANDIDATES = 6
 """Places of an answer that are far enough apart to be different answers, at most."""
@@ -132,6 +133,7 @@ class Building(msgspec.Struct):
     objects: list[tuple[str, str, float, float, int]]
 
 
+@short_repr
 @dataclass
 class Buildings:
     """The buildings of a map, each read when it is first asked for."""

@@ -16,8 +16,8 @@ from semloc_core.graph.changes.stream import Outcome, UpdateStream
 from semloc_core.graph.geodesic import ball
 from semloc_core.graph.labels.classes import Reading
 from semloc_core.graph.scene_graph import SceneGraph
+from semloc_core.sources import graph_at_end, read_run, write_run
 from semloc_core.sources.bag import BagReader, BagWriter, decode_string, read_messages
-from semloc_core.sources.run import graph_at_end, read_run, write_run
 from semloc_core.sources.simulate import SimulationConfig, simulate_traversal
 from semloc_core.sources.simulate.route import largest_component, shortest_path
 from semloc_core.wire.messages import Object, Place, SceneGraphUpdate
