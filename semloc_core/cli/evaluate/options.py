@@ -9,5 +9,5 @@ Root = Annotated[Path, typer.Argument(metavar="ROOT", help="Folder of buildings:
 Models = Annotated[list[Path] | None, typer.Option("--model", metavar="MODEL", help="Evaluate this trained model too.")]
 Walks = Annotated[int, typer.Option(min=1, help="Walks a building, on average.")]
 Verified = Annotated[
-    bool, typer.Option("--layout/--no-layout", help="Answers verified by layout too (rings and each model).")
+    bool, typer.Option("--layout/--no-layout", help="Answers verified by layout too.")
 ]

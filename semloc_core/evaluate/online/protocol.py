@@ -15,7 +15,7 @@ import numpy as np
 
 from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.encoding import Model, embed_graph, similarity_matrix
+from semloc_core.encoding import GENERAL, Model, embed_graph, similarity_matrix
 from semloc_core.evaluate.online.agreement import Agreement
 from semloc_core.evaluate.online.another_day import AnotherDay, on_another_day
 from semloc_core.evaluate.online.answers import (
@@ -44,7 +44,7 @@ from semloc_core.graph import Labelspace, union
 from semloc_core.metrics import Progress, Row, no_progress
 from semloc_core.sources import WalkConfig
 
-ENCODERS = ("bag_of_words", "rings")
+ENCODERS = ("bag_of_words", "rings", GENERAL)
 SCOPES_M = (0.0, 2.5, 5.0, 10.0, 20.0, 40.0)
 """Metres walked at which an answer is judged: the first one from there on."""
 
@@ -76,13 +76,14 @@ def evaluate_online(
         root: holds a folder a building, each with ``map.json`` and ``query.json``.
         models: trained models to judge, each in its own labelspace; ``method`` is the encoder's name and the first
             digits of the model's hash.
-        encoders: encoders with nothing to train; what they count they count on the maps.
+        encoders: encoders with nothing to train; what they count they count on the maps, which the general one is
+            fitted to.
         config: how the robot walks and what it sees; ``distance_m`` is overridden by the last scope.
         walks: walks a building, on average: a building has them by its number of places, so that the robot is
             equally likely to start at any place of any building.
         scopes_m: metres walked at which answers are judged.
         filtered: judge verified answers with the filter (`semloc_core.tracking.frame_filter`) too.
-        verified: judge rings and each model with answers verified by layout too (`judge_online_layout`).
+        verified: judge all but bag of words with answers verified by layout too (`judge_online_layout`).
         kidnapped: judge also how soon a robot is right again that was carried away (`judge_kidnapped`).
         foreign: judge also how many answers are accepted in a building that no map has (`judge_foreign`).
         bound: judge `semloc_core.evaluate.online.agreement` too.
@@ -128,7 +129,7 @@ def evaluate_online(
 
     def judge(name: str, model: Model, its: Arena, paths: Sequence[OnlineWalk]) -> None:
         rows.extend(judge_online(name, model, its, paths, scopes_m, radius_m, seed))
-        if verified and (name == "rings" or name not in encoders):
+        if verified and name != "bag_of_words":
             verifier = layout_verifier(its.maps, len(its.labelspace))
             rows.extend(
                 judge_online_layout(
