@@ -18,7 +18,7 @@ def test_a_building_of_any_name_is_built_changed_and_told_of(semloc, write_corri
     assert built.code == 0, built.err
     assert built.out == f"{map_file}: 3 places in 1 building\n"
     told = semloc("map", "info", map_file, "--long")
-    assert told.out.startswith("map         [hq] :smile: (")
+    assert told.out.startswith("[hq] :smile:: 1 building, 3 places, 3 objects of 3 classes\n")
     assert f"\n{name}  " in told.out
     assert f"objects     {name}: " in told.out
     asked = semloc("explain", map_file, graph, "--near", "0,0", "--long", "--methods", "class_shapley")
