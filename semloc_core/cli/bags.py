@@ -19,6 +19,7 @@ from semloc_core.cli.shared.common import (
     read_graph,
 )
 from semloc_core.cli.shared.outputs import App, output_option
+from semloc_core.errors import ConfigError
 from semloc_core.files import BAG
 
 app = App(no_args_is_help=True, help="Make bags.")
@@ -98,6 +99,8 @@ def simulate(
     if agents and len(file.robots) > 1:
         names = ", ".join(file.robots)
         note(f"{graph}: poses of {len(file.robots)} robots, {names}: those of {agents[0].robot} are followed")
+    if not agents and not distance:
+        raise ConfigError(f"expected --distance more than 0 where no recorded poses are followed (got {distance:g})")
     way = f"along {len(agents)} recorded poses" if agents else f"along {distance:g} m of random goals"
     if detections:
         seen_by = {"cameras": cameras, "horizontal_fov_deg": fov}

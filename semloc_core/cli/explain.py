@@ -31,7 +31,10 @@ if TYPE_CHECKING:
     from semloc_core.graph import SceneGraph
     from semloc_core.matching import Located
 
-NO_RIVALS = "expected an answer with rivals (got none: no other place is nearly as likely)"
+NO_RIVALS = (
+    "expected an answer with rivals (got none: no other place is nearly as likely; --place-near X,Y or --place PLACE "
+    "names one)"
+)
 
 
 def explain(

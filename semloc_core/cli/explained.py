@@ -261,16 +261,19 @@ def _print_why_not(other: WhyNot, explanation: Explanation, most: int | None) ->
 def _contrasts(this: PlaceEvidence, best: PlaceEvidence) -> list[str]:
     """A line for each object that speaks otherwise at two places, those that differ most first."""
     found: list[tuple[float, str]] = []
-    there = {of.id: of for of in best.objects}
+    beside = {of.id: of for of in best.objects}
+    here, there = (f"at {short_id(each.place)}" for each in (this, best))
+    if here == there:  # of two buildings
+        here, there = f"{here} of {this.map}", f"{there} of {best.map}"
     for of in this.objects:
-        other = there[of.id]
-        sides = f"{of.score:+.1f} here{_as(of.mapped)}, {other.score:+.1f} there{_as(other.mapped)}"
+        other = beside[of.id]
+        sides = f"{of.score:+.1f} {here}{_as(of.mapped)}, {other.score:+.1f} {there}{_as(other.mapped)}"
         found.append((of.score - other.score, f"saw {of.class_} {short_id(of.id)}: {sides}"))
-    for side, evidence, sign in (("here", this, 1.0), ("there", best, -1.0)):
+    for side, evidence, sign in ((here, this, 1.0), (there, best, -1.0)):
         for of in evidence.missed:
-            text = f"did not see {of.class_} {short_id(of.id)}, mapped {side}: {of.score:+.1f} {side}"
+            text = f"did not see {of.class_} {short_id(of.id)}, mapped {side}: {of.score:+.1f}"
             found.append((sign * of.score, text))
-    walls = f"walked where the map has no room: {this.walls:+.1f} here, {best.walls:+.1f} there"
+    walls = f"walked where the map has no room: {this.walls:+.1f} {here}, {best.walls:+.1f} {there}"
     found.append((this.walls - best.walls, walls))
     found = [(value, text) for value, text in found if abs(value) >= 0.05]
     return [text for _, text in sorted(found, key=lambda of: (-abs(round(of[0], 6)), of[1]))]

@@ -11,7 +11,7 @@ import typer
 from semloc_core.cli.shared.common import LabelspaceOption, RobotOption, SynonymsOption, TopicOption, console, tell
 from semloc_core.cli.shared.outputs import App, Writes
 from semloc_core.cli.shared.screen import many, note
-from semloc_core.errors import BagError
+from semloc_core.errors import BagError, FileFormatError
 from semloc_core.files import BAG, GRAPH, Output
 
 if TYPE_CHECKING:
@@ -68,6 +68,11 @@ def from_nav2(
         note(f"{objects}: {class_} at {x:g}, {y:g} is too far from free space and left out")
     if len(left) > 8:
         note(f"{objects}: {len(left)} objects are too far from free space and left out")
+    if listed and len(left) == len(listed):
+        raise FileFormatError(
+            f"expected objects of {objects} near free space of {map_file} (got none of {len(listed)}: are both in one "
+            "frame?)"
+        )
     _write(output, graph)
 
 

@@ -183,9 +183,9 @@ def test_why_not_is_asked_of_what_decides_object_by_object(capsys) -> None:
     lines = out.split("WHY NOT  ")[1].splitlines()
     assert lines[0] == "office, place p0: -2.2 nats, against 4.2 of office, place p86"
     assert [line.strip() for line in lines[1:]] == [
-        "saw chair o1: +0.0 here, +4.2 there (as O3)",
-        "did not see sofa m1, mapped here: -1.5 here",
-        "walked where the map has no room: -0.8 here, +0.0 there",
+        "saw chair o1: +0.0 at p0, +4.2 at p86 (as O3)",
+        "did not see sofa m1, mapped at p0: -1.5",
+        "walked where the map has no room: -0.8 at p0, +0.0 at p86",
     ]
     print_explanation(asked)
     out = capsys.readouterr().out
@@ -245,3 +245,11 @@ def test_no_figure_is_cut_off_on_a_narrow_screen(capsys, monkeypatch) -> None:
     assert "…" not in out
     assert out.count("12.3%") == 6
     assert "(1.00, 2.00, 3.00)      0.9000        0.800" in out
+
+
+def test_two_places_of_one_id_are_told_apart_by_their_buildings(capsys) -> None:
+    twins = [evidence("p0", 0.0, None, 0.0), evidence("p0", 4.25, None, 0.0)]
+    twins[1] = PlaceEvidence("hall", "p0", 4.25, twins[1].objects, [], 0.0)
+    asked = explanation(method("layout", None, 1.0), why_not=WhyNot("hall", "p0", 0.4, 7, [], evidence=twins))
+    print_brief(answer(), "asked: place q", "", asked)
+    assert "saw chair o1: +0.0 at p0 of office, +4.2 at p0 of hall" in capsys.readouterr().out
