@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 from msgspec import Meta
@@ -129,6 +129,21 @@ def options(struct: type[msgspec.Struct]) -> list[Option]:
             )
         )
     return found
+
+
+class Checked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Options that are made with `of`, which checks types and ranges."""
+
+    @classmethod
+    def of(cls, **values: object) -> Self:
+        """Make a configuration with types and ranges checked.
+
+        Raises:
+            ConfigError: an option is unknown, of another type or out of its range.
+
+        """
+        config: Self = checked(cls, **values)
+        return config
 
 
 def checked(struct: type[Any], **values: Any) -> Any:

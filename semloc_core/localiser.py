@@ -137,7 +137,7 @@ class Localiser:
         if self._reranker is None or graph is None:
             return None
         robot, names = self.live.stands(place)[0], self.map.buildings
-        tested = self._reranker.rank(
+        return self._reranker.rank(
             graph,
             place,
             similarity,
@@ -146,11 +146,8 @@ class Localiser:
             ages,
             only=None if self._hint is None else self._hint.allowed(self.map, ages.walked),
             robot=robot,
-            past=None if past is None else lambda found: past.believe(found, names, robot, ages.walked, ages.drift),
+            past=None if past is None else lambda found: past.observe(found, names, robot, ages.walked, ages.drift),
         )
-        if tested is not None and past is not None:
-            past.observe(tested.answers, names, robot, ages.walked, ages.drift)
-        return tested
 
     def ask(self, place: str | None = None) -> Located:
         """The last answer where it is still that, else one for the graph as it is: a question is no observation.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -108,15 +109,15 @@ def bench_fleet(
     return rows
 
 
-class _Robots:
+class _Robots(ABC):
     """Robots on one map; here they share the memory of what was fetched."""
 
     method: str
     _holdings: Holdings | None = None
 
+    @abstractmethod
     def robot(self) -> Localiser:
         """A robot, with what was fetched."""
-        raise NotImplementedError
 
     def server_s(self) -> float | None:
         """CPU time of the server so far; None where none works for them."""

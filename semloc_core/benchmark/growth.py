@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import torch
@@ -98,6 +99,6 @@ def _one(case: BenchCase, scope: str, size: int, repeats: int) -> Row:
             places=[Place(moved.id, (x + 0.01 * (seq % 7), y, z))], query_place=moved.id,
         )  # fmt: skip
         text = wire.encode(delta)
-        clocked(took, str(seq), lambda text=text: localiser.update(text))  # type: ignore[misc]
+        clocked(took, str(seq), partial(localiser.update, text))
     wall, own = 1e3 * np.median(list(took.values()), axis=0)
     return {"p50_ms": float(wall), "cpu_ms": float(own), "memory_mib": memory, "repeats": repeats}

@@ -86,9 +86,7 @@ class Past:
     ) -> Confidence:
         """The q-th answer by all up to it."""
         about = self.buildings, fragment.origin, float(self.walked[q]), fragment.drift
-        by = self.filter.believe(sure.answers, *about)
-        self.filter.observe(sure.answers, *about)
-        return sure.weighed(by, verifier.mapped, found.rows)
+        return sure.weighed(self.filter.observe(sure.answers, *about), verifier.mapped, found.rows)
 
 
 def reranked(

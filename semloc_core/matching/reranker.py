@@ -75,14 +75,12 @@ class Reranked:
         ranking: the places tested and the search's, by falling probability.
         verified: the test itself.
         fragment: what was put to it.
-        answers: what it alone says.
 
     """
 
     ranking: Ranking
     verified: Verified
     fragment: Fragment
-    answers: Answers
 
 
 class Reranker:
@@ -135,9 +133,9 @@ class Reranker:
         found = verifier.verify(fragment, similarity, only)
         if found is None:
             return None
-        sure = present = confidence(found, fragment, verifier.mapped, robot=robot)
+        sure = confidence(found, fragment, verifier.mapped, robot=robot)
         if past is not None:
-            sure = present.weighed(past(present.answers), verifier.mapped, found.rows)
+            sure = sure.weighed(past(sure.answers), verifier.mapped, found.rows)
         order = sure.order
         tested = found.rows[order]
         known = set(tested.tolist())
@@ -151,7 +149,7 @@ class Reranker:
         rows = rows[np.argsort(-chances, kind="stable")]
         apart = rows[np.isin(rows, [*tested.tolist(), *beside])]
         shown, separate = rows[:top_n], np.array(modes(apart, self._within), dtype=np.int64)
-        return Reranked(Ranking(shown, separate, probability, sure.in_map), found, fragment, present.answers)
+        return Reranked(Ranking(shown, separate, probability, sure.in_map), found, fragment)
 
     def placed(self, tested: Reranked, rows: Sequence[int]) -> Mapping[int, Placed]:
         """Where the robot's frame lies in the buildings of rows of the map, see `layout.pose.placed`."""

@@ -93,10 +93,10 @@ class FrameFilter:
         """Know nothing."""
         self._kept, self._spots, self._denied = [], [], []
 
-    def believe(
+    def observe(
         self, answers: Answers, buildings: Sequence[str], at: Floats, walked: float, drift: float | None
     ) -> Floats:
-        """Weigh an answer by those before it; it changes nothing.
+        """Weigh an answer by those before it, and take it in for those that come after it.
 
         Args:
             answers: where the robot may be by the present answer alone, A of them.
@@ -111,17 +111,14 @@ class FrameFilter:
         """
         now = _Answer.of(answers, buildings, at, walked)
         log, elsewhere = self._said(now, drift)
+        if not self._denies(now, log, drift):
+            self._keep(now)
         left = math.exp(elsewhere) * max(0.0, 1.0 - float(now.chance.sum()))
         found: Floats = np.exp(log) / max(float((np.exp(log) * now.chance).sum()) + left, 1e-12)
         return found
 
-    def observe(
-        self, answers: Answers, buildings: Sequence[str], at: Floats, walked: float, drift: float | None
-    ) -> None:
-        """Take in an answer (arguments as of `believe`), for those that come after it."""
-        now = _Answer.of(answers, buildings, at, walked)
-        if self._denies(now, drift):
-            return
+    def _keep(self, now: _Answer) -> None:
+        at = now.at
         away = [float(np.linalg.norm(spot - at)) for spot in self._spots]
         nearest = min(range(len(away)), key=away.__getitem__, default=None)
         if nearest is None or away[nearest] >= APART_M:
@@ -134,10 +131,10 @@ class FrameFilter:
         last = max(self._kept, key=lambda kept: kept.walked, default=None)
         return () if last is None else tuple(np.unique(last.building[last.chance >= least]).tolist())
 
-    def _denies(self, now: _Answer, drift: float | None) -> bool:
-        """Whether the past denies an answer that is sure; it is forgotten once some have agreed on one place."""
+    def _denies(self, now: _Answer, log: Floats, drift: float | None) -> bool:
+        """Whether the past, by what it says (A,), denies an answer that is sure; it is forgotten once some agreed."""
         best = int(now.chance.argmax())
-        if now.chance[best] < SURE or self._said(now, drift)[0][best] > -SWAY / 2:
+        if now.chance[best] < SURE or log[best] > -SWAY / 2:
             self._denied = []
             return False
         if self._denied and not self._denied[-1].found_again(now, drift)[best][self._denied[-1].chance >= SURE].any():

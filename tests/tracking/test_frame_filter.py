@@ -1,6 +1,7 @@
 """The filter over where the run's frame lies: what the past says, what it may not say, and what makes it forgotten."""
 
 import math
+from copy import deepcopy
 
 import msgspec
 import numpy as np
@@ -37,7 +38,8 @@ def answers(*said: tuple[str, tuple[float, float], float, float]) -> Answers:
 
 
 def believe(past: FrameFilter, said: Answers, x: float, walked: float | None = None, drift: float = 0.0) -> list[float]:
-    by = past.believe(said, HOMES, np.array([x, 0.0, 0.0]), x if walked is None else walked, drift)
+    asked = deepcopy(past)  # what is only asked about is not taken in
+    by = asked.observe(said, HOMES, np.array([x, 0.0, 0.0]), x if walked is None else walked, drift)
     return (by * said.likely()).tolist()
 
 

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 
+from semloc_core.config import Share
 from semloc_core.evaluate.relocalise import Arena
 from semloc_core.graph import GraphArrays
 from semloc_core.training import displace_objects, mislabel_objects
 
 MOVED_M = 3.0
 """Standard deviation of how far an object was moved, metres, in x and in y."""
-
-Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
 class AnotherDay(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

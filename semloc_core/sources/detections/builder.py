@@ -9,13 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, NamedTuple, Self
+from typing import Annotated, NamedTuple
 
-import msgspec
 import numpy as np
 from msgspec import Meta
 
-from semloc_core.config import checked
+from semloc_core.config import Checked
 from semloc_core.errors import ConfigError, MessageError
 from semloc_core.graph import Floats, ball
 from semloc_core.sources.detections.frames import Rigid
@@ -39,7 +38,7 @@ MOVED_SHARE = 0.05
 """Nor is one whose labels' shares changed less."""
 
 
-class BuilderConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class BuilderConfig(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Options of `GraphBuilder`; make one with `of`, which checks ranges."""
 
     min_score: Annotated[
@@ -68,17 +67,6 @@ class BuilderConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     full_every_s: Annotated[
         float, Meta(ge=0.0, le=3600.0, description="seconds between full updates; 0: each update is full")
     ] = 5.0
-
-    @classmethod
-    def of(cls, **values: object) -> Self:
-        """Make a configuration with types and ranges checked.
-
-        Raises:
-            ConfigError: an option is unknown, of another type or out of its range.
-
-        """
-        config: Self = checked(cls, **values)
-        return config
 
 
 @short_repr

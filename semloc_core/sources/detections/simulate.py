@@ -7,13 +7,12 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, islice
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple
 
-import msgspec
 import numpy as np
 from msgspec import Meta
 
-from semloc_core.config import checked
+from semloc_core.config import Checked, Share, Some, Spread
 from semloc_core.graph import Floats, SceneGraph, ball
 from semloc_core.sources.bag import GROUND_TRUTH_TOPIC, BagWriter
 from semloc_core.sources.bag.typed import DETECTIONS, GRID, ODOMETRY, TRANSFORMS, typestore
@@ -37,44 +36,27 @@ WALLS_EVERY = 50
 """The grid is sent again after so many frames."""
 
 
-class DetectorConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class DetectorConfig(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The robot, its cameras and its detector; make one with `of`, which checks ranges."""
 
     speed_mps: Annotated[float, Meta(gt=0.0, le=100.0, description="walking speed, m/s")] = 0.5
-    rate_hz: Annotated[float, Meta(gt=0.0, le=1000.0, description="frames of each camera per second")] = 4.0
+    rate_hz: Annotated[Some, Meta(description="frames of each camera per second")] = 4.0
     distance_m: Annotated[float, Meta(ge=0.0, le=1e7, description="how far to walk between random goals, m")] = 60.0
     cameras: Annotated[int, Meta(ge=1, le=16, description="cameras, evenly around, the first ahead")] = 1
     horizontal_fov_deg: Annotated[float, Meta(gt=0.0, le=360.0, description="of each camera, degrees")] = 90.0
     vertical_fov_deg: Annotated[float, Meta(gt=0.0, le=180.0, description="of each camera, degrees")] = 60.0
-    range_m: Annotated[float, Meta(gt=0.0, le=1000.0, description="how far the detector sees, m")] = 5.0
-    miss_rate: Annotated[float, Meta(ge=0.0, le=1.0, description="chance, in each frame, that an object is missed")] = (
-        0.2
-    )
-    confusion_rate: Annotated[
-        float, Meta(ge=0.0, le=1.0, description="chance, in each frame, that another class scores best")
-    ] = 0.1
-    false_rate: Annotated[float, Meta(ge=0.0, le=100.0, description="invented detections for each true one")] = 0.02
+    range_m: Annotated[Some, Meta(description="how far the detector sees, m")] = 5.0
+    miss_rate: Annotated[Share, Meta(description="chance, in each frame, that an object is missed")] = 0.2
+    confusion_rate: Annotated[Share, Meta(description="chance, in each frame, that another class scores best")] = 0.1
+    false_rate: Annotated[Spread, Meta(description="invented detections for each true one")] = 0.02
     depth_noise: Annotated[
         float, Meta(ge=0.0, le=10.0, description="standard deviation of depth at 1 m, m; it grows with the square")
     ] = 0.005
-    drift: Annotated[
-        float, Meta(ge=0.0, le=100.0, description="drift of odometry; 1: 0.5° and 0.03 m per axis, a root metre")
-    ] = 0.0
+    drift: Annotated[Spread, Meta(description="drift of odometry; 1: 0.5° and 0.03 m per axis, a root metre")] = 0.0
     frame_id: Annotated[str, Meta(description="frame of the ground truth, the building's")] = "map"
     start_stamp_ns: Annotated[int, Meta(ge=0, le=2**61, description="stamp of the first frame, ns")] = (
         1_700_000_000 * _NS_PER_S
     )
-
-    @classmethod
-    def of(cls, **values: object) -> Self:
-        """Make a configuration with types and ranges checked.
-
-        Raises:
-            ConfigError: an option is unknown, of another type or out of its range.
-
-        """
-        config: Self = checked(cls, **values)
-        return config
 
 
 @short_repr

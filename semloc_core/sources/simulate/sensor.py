@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from semloc_core.config import Share, Spread
+from semloc_core.config import Checked, Share, Spread
 from semloc_core.graph import SceneGraph
 from semloc_core.sources.simulate.drift import Frame
 from semloc_core.text import short_repr
@@ -21,7 +21,7 @@ INVENTED_WITHIN_M = 1.5
 """An invented object lies at most this far (per axis) from the place that it is attached to."""
 
 
-class Sensing(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Sensing(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What errs in what a robot sees as it walks."""
 
     flicker_rate: Annotated[

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from semloc_core.config import Some, checked
+from semloc_core.config import Some
 from semloc_core.graph import SceneGraph, ball
 from semloc_core.sources.simulate.drift import Frame
 from semloc_core.sources.simulate.route import WalkPoint, walk_along, walk_to_goals
@@ -64,17 +64,6 @@ class SimulationConfig(DetectorErrors, frozen=True, kw_only=True, forbid_unknown
     start_stamp_ns: Annotated[int, Meta(ge=0, le=2**61, description="stamp of the first update, ns")] = (
         1_700_000_000 * _NS_PER_S
     )
-
-    @classmethod
-    def of(cls, **values: object) -> SimulationConfig:
-        """Make a configuration with types and ranges checked.
-
-        Raises:
-            ConfigError: an option is unknown, of another type or out of its range.
-
-        """
-        config: SimulationConfig = checked(cls, **values)
-        return config
 
 
 @short_repr
