@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,6 +19,11 @@ from semloc_core.cli.shared.common import (
 from semloc_core.cli.shared.map_places import only_a_file
 from semloc_core.cli.shared.outputs import App, Writes
 from semloc_core.files import PAGE, PICTURE, write_whole
+
+if TYPE_CHECKING:
+    from semloc_core.graph import Reading
+    from semloc_core.map_database import LoadedMap
+    from semloc_core.report import ReplayData
 
 app = App(no_args_is_help=True, help="Make pages and pictures of what was measured; they open without a network.")
 
@@ -48,6 +53,33 @@ StudyOption = Annotated[
 ]
 
 
+def read_with_rivals(
+    results: Path,
+    loaded: LoadedMap,
+    run: Path | None,
+    node: str,
+    topic: str | None,
+    robot: str | None,
+    truth_tolerance: float,
+    reading: Reading,
+) -> ReplayData:
+    """Recorded answers with what speaks for the rivals; arguments as of `semloc_core.report.read_results`."""
+    from semloc_core.report import read_results
+
+    with progress("what speaks for the rivals") as step:
+        return read_results(
+            results,
+            loaded,
+            run=run,
+            node=node,
+            topic=topic,
+            robot=robot,
+            truth_tolerance_s=truth_tolerance,
+            reading=reading,
+            progress=step,
+        )
+
+
 @app.command("replay")
 def replay(
     results: Results,
@@ -71,23 +103,12 @@ def replay(
     """
     from semloc_core.graph import Reading
     from semloc_core.map_database import load
-    from semloc_core.report import kept, read_results, replay_page
+    from semloc_core.report import kept, replay_page
 
     beside = kept(study) if study is not None else None
     loaded = load(map_file)
     reading = Reading.of(labelspace, synonyms, loaded.model.labelspace)
-    with progress("what speaks for the rivals") as step:
-        data = read_results(
-            results,
-            loaded,
-            run=run,
-            node=node,
-            topic=topic,
-            robot=robot,
-            truth_tolerance_s=truth_tolerance,
-            reading=reading,
-            progress=step,
-        )
+    data = read_with_rivals(results, loaded, run, node, topic, robot, truth_tolerance, reading)
     text = replay_page(data, loaded, results.name, beside)
     write_whole(output, text.encode())
     console.print(f"{output}: {data.answers} answers, {len(text.encode()) / 1e3:.0f} kB")

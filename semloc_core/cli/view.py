@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from semloc_core.cli.report import NodeOption, read_with_rivals
 from semloc_core.cli.shared.common import (
     LabelspaceOption,
     RobotOption,
@@ -15,7 +16,6 @@ from semloc_core.cli.shared.common import (
     ToleranceOption,
     TopicOption,
     console,
-    progress,
 )
 from semloc_core.cli.shared.map_places import only_a_file
 
@@ -28,9 +28,7 @@ def view(
     updates: Annotated[
         Path | None, typer.Option("--run", metavar="RUN", help="Of recorded answers, the run that was answered.")
     ] = None,
-    node: Annotated[
-        str, typer.Option("--node", metavar="NAME", help="Name of the node; its answers are on NAME/matches.")
-    ] = "/localiser",
+    node: NodeOption = "/localiser",
     host: Annotated[
         str, typer.Option("--host", metavar="ADDRESS", help="Where to listen; by default only this machine can look.")
     ] = "127.0.0.1",
@@ -49,24 +47,13 @@ def view(
 
     from semloc_core.graph import Reading
     from semloc_core.map_database import load
-    from semloc_core.report import Feed, has_answers, live_page, read_results, replay_page, served
+    from semloc_core.report import Feed, has_answers, live_page, replay_page, served
 
     torch.set_num_threads(1)
     loaded = load(map_file)
     reading = Reading.of(labelspace, synonyms, loaded.model.labelspace)
     if has_answers(run, node):
-        with progress("what speaks for the rivals") as step:
-            data = read_results(
-                run,
-                loaded,
-                run=updates,
-                node=node,
-                topic=topic,
-                robot=robot,
-                truth_tolerance_s=truth_tolerance,
-                reading=reading,
-                progress=step,
-            )
+        data = read_with_rivals(run, loaded, updates, node, topic, robot, truth_tolerance, reading)
         with served(replay_page(data, loaded, run.name), None, host, port) as address:
             console.print(f"{address}  (Ctrl-C ends it)")
             threading.Event().wait()

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from semloc_core.report.growth_figure import growth_picture
     from semloc_core.report.introspection.page import introspection_page
     from semloc_core.report.kept_page import keep, kept
-    from semloc_core.report.replay.data import has_answers, read_results
+    from semloc_core.report.replay.data import ReplayData, has_answers, read_results
     from semloc_core.report.replay.live import Feed, served
     from semloc_core.report.replay.page import live_page, replay_page
     from semloc_core.report.replay.picture import answer_picture
@@ -19,6 +19,7 @@ else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "Feed", "Plan", "answer_picture", "failure_figure", "growth_picture", "has_answers", "introspection_page", "keep",
-    "kept", "live_page", "read_results", "reliability_figure", "replay_page", "served", "success_figure", "to_png",
+    "Feed", "Plan", "ReplayData", "answer_picture", "failure_figure", "growth_picture", "has_answers",
+    "introspection_page", "keep", "kept", "live_page", "read_results", "reliability_figure", "replay_page", "served",
+    "success_figure", "to_png",
 ]  # fmt: skip
