@@ -6,18 +6,15 @@ from semloc_core.exports import exports
 
 if TYPE_CHECKING:
     from semloc_core.matching.answer import Localisation, Located, Reply, ServerState, matches_of
+    from semloc_core.matching.layout.answers import FEATURES, Answers, Calibration, near_figures
     from semloc_core.matching.layout.building.layout import LayoutPart
     from semloc_core.matching.layout.confidence import (
-        FEATURES,
         MOST_SURE,
         SHARPNESS,
-        Answers,
-        Calibration,
         Confidence,
         Tested,
         confidence,
         features,
-        near_figures,
         other_figures,
         perfect,
     )

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from semloc_core.graph import Ages, GraphArrays, SceneGraph
 from semloc_core.map_database import LoadedMap, object_weights
 from semloc_core.matching.layout import LayoutPart, LayoutVerifier, Verified, fragment_of_graph
-from semloc_core.matching.layout.confidence import Answers, confidence
+from semloc_core.matching.layout.answers import Answers
+from semloc_core.matching.layout.confidence import confidence
 from semloc_core.matching.layout.evidence import Evidence, evidence
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.pose.placed import Placed, placed

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from semloc_core.evaluate.fit_confidence import Example, draw_buildings, fit, gather
-from semloc_core.matching.layout.confidence import near_figures
+from semloc_core.matching.layout.answers import near_figures
 from semloc_core.metrics.calibration import accepted_share, expected_calibration_error, reliability
 from semloc_core.sources.world import KINDS
 

@@ -14,7 +14,7 @@ from semloc_core.errors import ConfigError, MapError
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
 from semloc_core.matching import Answers
-from semloc_core.matching.layout.confidence import shipped_calibration
+from semloc_core.matching.layout.answers import shipped_calibration
 from semloc_core.tracking import FrameFilter
 from semloc_core.tracking.frame_filter import AGREEING, APART_M, KEPT, LEAST, SWAY
 

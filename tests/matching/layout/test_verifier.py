@@ -7,7 +7,8 @@ import pytest
 
 from semloc_core.evaluate.verified_answers import any_frame, layout_verifier, written_in
 from semloc_core.matching.layout import LayoutVerifier, fragment_of_arrays
-from semloc_core.matching.layout.confidence import FEATURES, confidence, features, masses, shipped_calibration
+from semloc_core.matching.layout.answers import FEATURES, shipped_calibration
+from semloc_core.matching.layout.confidence import confidence, features, masses
 
 
 @pytest.fixture(scope="module")
