@@ -7,9 +7,8 @@ looked up is looked up in cells of a metre: what a view costs does not depend on
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Annotated, NamedTuple
+from collections.abc import Iterator
+from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
@@ -20,9 +19,9 @@ from semloc_core.graph import Floats, ball
 from semloc_core.sources.detections.frames import Rigid
 from semloc_core.sources.detections.grid import EDGE_LENGTHS, Grid, free_places
 from semloc_core.sources.detections.nav2 import short
+from semloc_core.sources.detections.things import Cells, Detection, Seen, Thing, View
 from semloc_core.sources.hydra.write import node_id
-from semloc_core.text import short_repr
-from semloc_core.wire import NAMELESS, Object, Odometry, Place, Position, SceneGraphUpdate
+from semloc_core.wire import Object, Odometry, Place, Position, SceneGraphUpdate
 
 JUMP_M = 2.0
 """Farther the robot does not go between two poses: its frame jumped, and nothing says that one can walk there."""
@@ -69,113 +68,6 @@ class BuilderConfig(Checked, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     ] = 5.0
 
 
-@short_repr
-class Detection(NamedTuple):
-    """A thing in view.
-
-    Attributes:
-        scores: class -> score in 0 … 1; empty: it has no name.
-        pose: of its box, in the sensor's frame.
-        size: edge lengths of the box along its own axes, m; None where not known.
-        track: id that a tracker gave it; empty: none.
-
-    """
-
-    scores: Mapping[str, float]
-    pose: Rigid
-    size: Position | None = None
-    track: str = ""
-
-
-@short_repr
-class View(NamedTuple):
-    """What a sensor saw at once.
-
-    Attributes:
-        stamp_ns: when.
-        robot: pose of the robot in the graph's frame.
-        sensor: pose of the sensor in the graph's frame.
-        detections: in the sensor's frame; none is a view as well.
-        source: the sensor's name: tracking ids are its own.
-        optical: the sensor looks along z, with y down, as cameras' optical frames do; else along x, with z up.
-
-    """
-
-    stamp_ns: int
-    robot: Rigid
-    sensor: Rigid
-    detections: tuple[Detection, ...]
-    source: str = ""
-    optical: bool = False
-
-
-@dataclass(eq=False)
-class _Thing:
-    """An object, published or not."""
-
-    key: str
-    position: Floats
-    size: Floats | None
-    weight: float
-    labels: dict[str, float]
-    total: float = 0.0
-    sightings: int = 0
-    missed: int = 0
-    seen_from: set[str] = field(default_factory=set)
-    parent: str = ""
-
-    def shares(self) -> dict[str, float]:
-        """Class -> share of all sightings, 6 decimals; what has no name is the rest."""
-        found = {name: round(score / self.total, 6) for name, score in self.labels.items()} if self.total else {}
-        return {name: share for name, share in sorted(found.items()) if share > 0}
-
-    def class_(self) -> str:
-        """The likeliest class; of equal ones the first by name."""
-        shares = self.shares()
-        return min(shares, key=lambda name: (-shares[name], name)) if shares else NAMELESS
-
-
-class _Seen(NamedTuple):
-    """A detection in the graph's frame, checked."""
-
-    position: Floats
-    size: Floats | None
-    scores: dict[str, float]
-    track: str
-    away: float
-
-
-class _Cells:
-    """Keys by cell of a metre in the plane."""
-
-    def __init__(self) -> None:
-        self._cells: dict[tuple[int, int], set[str]] = {}
-
-    def put(self, key: str, position: Floats) -> None:
-        self._cells.setdefault(_cell(position), set()).add(key)
-
-    def drop(self, key: str, position: Floats) -> None:
-        row = self._cells[cell := _cell(position)]
-        row.discard(key)
-        if not row:
-            del self._cells[cell]
-
-    def near(self, position: Floats, radius_m: float) -> Iterator[str]:
-        """Keys at most so far away, and some more; in no particular order."""
-        (left, low), (right, high) = _cell(position - radius_m), _cell(position + radius_m)
-        if (right - left + 1) * (high - low + 1) > len(self._cells):
-            for row in self._cells.values():
-                yield from row
-            return
-        for x in range(left, right + 1):
-            for y in range(low, high + 1):
-                yield from self._cells.get((x, y), ())
-
-
-def _cell(position: Floats) -> tuple[int, int]:
-    return math.floor(position[0]), math.floor(position[1])
-
-
 class GraphBuilder:
     """A scene graph that grows as a robot looks around. The same input makes the same updates.
 
@@ -189,12 +81,12 @@ class GraphBuilder:
         if not frame_id:
             raise ConfigError("expected a frame for the graph (got an empty name)")
         self.config, self.frame_id = config, frame_id
-        self._things: dict[str, _Thing] = {}
-        self._thing_cells = _Cells()
+        self._things: dict[str, Thing] = {}
+        self._thing_cells = Cells()
         self._tracks: dict[tuple[str, str], str] = {}
         self._tracks_of: dict[str, set[tuple[str, str]]] = {}
         self._places: dict[str, Floats] = {}
-        self._place_cells = _Cells()
+        self._place_cells = Cells()
         self._ways: dict[str, dict[str, float]] = {}
         self._children: dict[str, set[str]] = {}
         self._grid: Grid | None = None
@@ -370,11 +262,11 @@ class GraphBuilder:
         x, y, z, w = (round(float(value), 9) for value in self._robot.quaternion)
         return Odometry(_rounded(self._robot.translation), (x, y, z, w), self.frame_id)
 
-    def _object(self, thing: _Thing) -> Object:
+    def _object(self, thing: Thing) -> Object:
         size = None if thing.size is None else _rounded(thing.size)
         return Object(thing.key, thing.class_(), self._written(thing), size, self._labels(thing))
 
-    def _labels(self, thing: _Thing) -> dict[str, float] | None:
+    def _labels(self, thing: Thing) -> dict[str, float] | None:
         """What a thing may be, where that is several: what it was said to be, as long as that hardly changed."""
         shares, was = thing.shares(), self._sent_things.get(thing.key)
         if len(shares) < 2:
@@ -383,7 +275,7 @@ class GraphBuilder:
         same = said.keys() == shares.keys() and all(abs(said[name] - p) < MOVED_SHARE for name, p in shares.items())
         return said if same else shares
 
-    def _written(self, thing: _Thing) -> Position:
+    def _written(self, thing: Thing) -> Position:
         """Where a thing is said to be: where it was said to be, as long as it hardly moved."""
         was = self._sent_things.get(thing.key)
         if was is not None and _distance(np.array(was[0].position), thing.position) < MOVED_M:
@@ -392,7 +284,7 @@ class GraphBuilder:
 
     # Objects.
 
-    def _checked(self, view: View, detection: Detection) -> _Seen | None:
+    def _checked(self, view: View, detection: Detection) -> Seen | None:
         """A detection in the graph's frame; None where it scores too low."""
         scores = dict(detection.scores)
         for name, score in scores.items():
@@ -411,9 +303,9 @@ class GraphBuilder:
             raise MessageError(f"expected a position of at most 10⁹ m (got {pose.translation.tolist()})")
         box = np.abs(pose.rotation) @ np.array(size) if size is not None and any(size) else None
         away = _distance(pose.translation, view.sensor.translation)
-        return _Seen(pose.translation, box, scores, detection.track, away)
+        return Seen(pose.translation, box, scores, detection.track, away)
 
-    def _associate(self, seen: list[_Seen], source: str) -> list[str]:
+    def _associate(self, seen: list[Seen], source: str) -> list[str]:
         """For each detection the object that it is of; empty: a new one. Each object once, the nearest first."""
         matched = [""] * len(seen)
         taken: set[str] = set()
@@ -438,10 +330,10 @@ class GraphBuilder:
         return matched
 
     @staticmethod
-    def _largest(one: _Seen) -> float:
+    def _largest(one: Seen) -> float:
         return 0.0 if one.size is None else 0.25 * float(one.size.max())
 
-    def _cost(self, one: _Seen, thing: _Thing, reach: float) -> float | None:
+    def _cost(self, one: Seen, thing: Thing, reach: float) -> float | None:
         """How unlike a detection and an object are, 0 … 1; None: too unlike to be one."""
         reach += self._largest(one)
         cost = _distance(one.position, thing.position) / reach
@@ -455,13 +347,13 @@ class GraphBuilder:
             cost += 0.2 * float(np.abs(ratio).mean())
         return round(cost, 9) if cost <= 1.0 else None
 
-    def _add_thing(self, one: _Seen) -> _Thing:
-        thing = _Thing(self._next("O"), one.position, one.size, 0.0, {})
+    def _add_thing(self, one: Seen) -> Thing:
+        thing = Thing(self._next("O"), one.position, one.size, 0.0, {})
         self._things[thing.key] = thing
         self._thing_cells.put(thing.key, thing.position)
         return thing
 
-    def _fuse(self, thing: _Thing, one: _Seen) -> None:
+    def _fuse(self, thing: Thing, one: Seen) -> None:
         weight = 1.0 / max(one.away, 1.0) ** 2  # stereo's and depth cameras' errors grow with the square
         part = weight / (thing.weight + weight)
         self._thing_cells.drop(thing.key, thing.position)
@@ -487,7 +379,7 @@ class GraphBuilder:
         self._tracks[track] = key
         self._tracks_of.setdefault(key, set()).add(track)
 
-    def _forget(self, thing: _Thing) -> None:
+    def _forget(self, thing: Thing) -> None:
         self._thing_cells.drop(thing.key, thing.position)
         for track in self._tracks_of.pop(thing.key, ()):
             del self._tracks[track]
@@ -511,14 +403,14 @@ class GraphBuilder:
             if abs(math.atan2(up, math.hypot(ahead, left))) <= high and self._unhidden(thing, where):
                 yield key
 
-    def _unhidden(self, thing: _Thing, where: Floats) -> bool:
+    def _unhidden(self, thing: Thing, where: Floats) -> bool:
         """Whether an object is in sight of a sensor by the grid; without one, whether it was seen from this place."""
         if self._grid is None or not self._grid.at(self._grid.open, where[None, :2])[0]:
             return self._here in thing.seen_from
         size = None if thing.size is None else _rounded(thing.size)
         return bool(self._grid.sight(where[None, :2], thing.position[None, :2], short(size))[0])
 
-    def _hang(self, thing: _Thing) -> None:
+    def _hang(self, thing: Thing) -> None:
         """Hang an object on the nearest of the places that see it: by the grid, else from where it was seen."""
         seen = [key for key in thing.seen_from if key in self._places]
         if self._grid is not None:

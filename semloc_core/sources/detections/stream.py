@@ -14,9 +14,10 @@ import numpy as np
 from msgspec import Meta
 
 from semloc_core.errors import GraphError, MessageError
-from semloc_core.sources.detections.builder import BuilderConfig, Detection, GraphBuilder, View
+from semloc_core.sources.detections.builder import BuilderConfig, GraphBuilder
 from semloc_core.sources.detections.frames import IDENTITY, LateError, NoPathError, Rigid
 from semloc_core.sources.detections.grid import Grid
+from semloc_core.sources.detections.things import Detection, View
 from semloc_core.wire import SceneGraphUpdate, yaw_of
 
 _NS_PER_S = 1_000_000_000
