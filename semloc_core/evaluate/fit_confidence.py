@@ -1,8 +1,9 @@
 """Fits `matching.layout.confidence` on generated buildings: ``python -m semloc_core.evaluate.fit_confidence``.
 
 No real building is read. Homes and offices are drawn, of one storey or several, some of them towers of floors that are
-alike, each mapped once and seen again by a detector of any quality; a robot walks through the second run, and each
-fragment of its graph is asked in maps of few buildings and of many, with its own among them and without.
+alike, each mapped once and seen again by a detector of any quality, from centimetres to half a metre; a robot walks
+through the second run, on the same day or on another when much has changed, and each fragment of its graph is asked in
+maps of few buildings and of many, with its own among them and without.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import SemlocError
+from semloc_core.evaluate.online.another_day import AnotherDay, changed
 from semloc_core.evaluate.verified_answers import fragments_along, layout_verifier
 from semloc_core.files import CALIBRATION, Output, guarded, write_whole
 from semloc_core.graph import Floats, GraphArrays, Labelspace, load_labelspace, storey_at
@@ -32,14 +34,29 @@ from semloc_core.matching import (
     other_figures,
     perfect,
 )
-from semloc_core.sources import KINDS, BuildingKind, Walk, WalkConfig, draw_pair, draw_stacked, walks_through
+from semloc_core.sources import (
+    KINDS,
+    BuildingKind,
+    SecondRun,
+    Walk,
+    WalkConfig,
+    draw_pair,
+    draw_stacked,
+    walks_through,
+)
 from semloc_core.text import short_repr
 from semloc_core.training import PerturbConfig, perturb
 
-BUILDINGS = 24
+BUILDINGS = 36
 """Buildings of each kind."""
-WALKS = 12
+WALKS = 14
 """Walks through each."""
+NOISE_M = (0.02, 0.5)
+"""Bounds of a detector's error in a position, per axis, metres; its logarithm is drawn evenly."""
+CHANGED = 0.5
+"""Share of the walks that are made on another day, when up to `MOST_CHANGED` of the objects …"""
+MOST_CHANGED = AnotherDay(mislabelled=0.3, gone=0.4, moved=0.3)
+"""… have another name, are gone, were moved."""
 LONGEST_M = 60.0
 AWAY_WEIGHT = 0.25
 """Weight of an answer given in a building that the map does not have, against one given at home."""
@@ -50,6 +67,8 @@ STOREYS = 0.5
 ALIKE = 0.4
 PENALTY = 0.3
 """Inverse of the L2 penalty (scikit-learn's ``C``)."""
+
+EXACT = SecondRun(noise_m=0.0)
 
 Bools = NDArray[np.bool_]
 
@@ -101,14 +120,14 @@ def draw_buildings(
     maps, again = [], []
     for index in range(number):
         if storeys and rng.random() < storeys:
-            alike, changed = bool(rng.random() < ALIKE), float(rng.uniform(0.0, 0.3))
-            pair = draw_stacked(kind, int(rng.integers(2, 4)), rng, alike=alike, changed=changed)
+            alike, lacking = bool(rng.random() < ALIKE), float(rng.uniform(0.0, 0.3))
+            pair = draw_stacked(kind, int(rng.integers(2, 4)), rng, alike=alike, changed=lacking, run=EXACT)
         else:
-            pair = draw_pair(kind, rng)
+            pair = draw_pair(kind, rng, EXACT)
         mapped, seen = (GraphArrays.from_scene_graph(w.graph, space, str(index)) for w in pair)
         worse = PerturbConfig(
             mobility_scale=0.0,
-            jitter_m=float(rng.uniform(0.0, 0.45)),
+            jitter_m=float(np.exp(rng.uniform(*np.log(NOISE_M)))),
             drop_probability=float(rng.uniform(0.0, 0.15)),
             false_ratio=float(rng.uniform(0.0, 0.3)),
             mislabel_probability=float(rng.uniform(0.0, 0.1)),
@@ -127,9 +146,19 @@ def gather(
     return [
         example
         for building, graph in enumerate(again)
-        for way in walks_through(graph, WalkConfig(distance_m=LONGEST_M), rng, walks)
+        for _ in range(walks)
+        for way in walks_through(_some_day(graph, n_classes, rng), WalkConfig(distance_m=LONGEST_M), rng, 1)
         for example in _walked(verifier, building, maps, way, rng)
     ]
+
+
+def _some_day(graph: GraphArrays, n_classes: int, rng: np.random.Generator) -> GraphArrays:
+    """A building as it was when it was mapped, or on another day."""
+    if rng.random() >= CHANGED:
+        return graph
+    most = msgspec.structs.asdict(MOST_CHANGED)
+    day = AnotherDay(**{name: float(rng.uniform(0.0, share)) for name, share in most.items()})
+    return changed(graph, day, n_classes, rng)
 
 
 def fit(examples: Sequence[Example]) -> Calibration:

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from semloc_core.sources.world.furnishings import KINDS
     from semloc_core.sources.world.kinds import BuildingKind, draw_pair
     from semloc_core.sources.world.office import OfficeConfig, make_office, write_world
+    from semloc_core.sources.world.second_run import SecondRun
     from semloc_core.sources.world.stacked import draw_stacked
 else:
     __getattr__ = exports(__name__)
@@ -49,7 +50,8 @@ __all__ = [
     "AgentPose", "BagMessage", "BagReader", "BagWriter", "Bools", "BuilderConfig", "BuildingKind", "DETECTIONS",
     "Detection", "DetectionStream", "DetectorConfig", "DsgStream", "Frame", "GROUND_TRUTH_TOPIC", "Glance",
     "GraphBuilder", "Grid", "HydraFile", "KINDS", "LateError", "NoPathError", "OfficeConfig", "POSE_WITH_COVARIANCE",
-    "Rigid", "Run", "SCENE_GRAPH_TOPIC", "STRING", "SimulationConfig", "StampedPose", "Step", "StreamConfig",
+    "Rigid", "Run", "SCENE_GRAPH_TOPIC", "STRING", "SecondRun", "SimulationConfig", "StampedPose", "Step",
+    "StreamConfig",
     "TOLERANCE_S", "Truth", "TruthMatcher", "View", "Walk", "WalkConfig", "decode_string", "decode_truth",
     "draw_pair", "draw_stacked", "encode_pose_with_covariance", "encode_string", "graph_at_end", "graph_of_grid",
     "is_run", "make_office", "node_id", "odometry", "query_place", "read_building", "read_graph", "read_hydra",

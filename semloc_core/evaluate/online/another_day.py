@@ -26,12 +26,16 @@ class AnotherDay(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 def on_another_day(arena: Arena, day: AnotherDay, seed: int) -> Arena:
     """The same maps, asked about by buildings that have changed; the same changes whatever the labelspace."""
-    changed = (_changed(query, day, len(arena.labelspace), [seed, b]) for b, query in enumerate(arena.queries))
-    return replace(arena, queries=tuple(changed))
+    each = (
+        changed(query, day, len(arena.labelspace), np.random.default_rng([seed, b]))
+        for b, query in enumerate(arena.queries)
+    )
+    return replace(arena, queries=tuple(each))
 
 
-def _changed(graph: GraphArrays, day: AnotherDay, n_classes: int, seed: list[int]) -> GraphArrays:
-    which, moves, names = np.random.default_rng(seed).spawn(3)
+def changed(graph: GraphArrays, day: AnotherDay, n_classes: int, rng: np.random.Generator) -> GraphArrays:
+    """A building on another day; ``rng`` is the only source of randomness."""
+    which, moves, names = rng.spawn(3)
     gone, moved, wrong = which.random((3, graph.n_objects)) < np.array([[day.gone], [day.moved], [day.mislabelled]])
     graph = mislabel_objects(graph, n_classes, wrong, names)
     return displace_objects(graph, MOVED_M * moved, moves).with_objects(~gone)

@@ -13,6 +13,7 @@ from semloc_core.graph import load_labelspace
 from semloc_core.sources.world.floor_plan import CORRIDOR, RoomKind
 from semloc_core.sources.world.furniture import Furniture
 from semloc_core.sources.world.office import OfficeConfig, World, make_world_pair
+from semloc_core.sources.world.second_run import SecondRun
 
 T = TypeVar("T")
 ATTEMPTS = 50
@@ -90,14 +91,19 @@ def draw_config(kind: BuildingKind, rng: np.random.Generator) -> OfficeConfig:
     )
 
 
-def draw_pair(kind: BuildingKind, rng: np.random.Generator) -> tuple[World, World]:
+def draw_pair(kind: BuildingKind, rng: np.random.Generator, run: SecondRun | None = None) -> tuple[World, World]:
     """A building of a kind as mapped, and as a detector saw it on another run (`make_world_pair`).
+
+    Args:
+        kind: of building.
+        rng: the only source of randomness.
+        run: how the detector errs; None for the defaults.
 
     Raises:
         ConfigError: none that was drawn could be furnished.
 
     """
-    return draw(kind, rng, make_world_pair)
+    return draw(kind, rng, lambda config, rng: make_world_pair(config, rng, run))
 
 
 def draw(kind: BuildingKind, rng: np.random.Generator, make: Callable[[OfficeConfig, np.random.Generator], T]) -> T:

@@ -22,7 +22,13 @@ FLIGHT_M = 2.0
 
 
 def draw_stacked(
-    kind: BuildingKind, storeys: int, rng: np.random.Generator, *, alike: bool = False, changed: float = 0.0
+    kind: BuildingKind,
+    storeys: int,
+    rng: np.random.Generator,
+    *,
+    alike: bool = False,
+    changed: float = 0.0,
+    run: SecondRun | None = None,
 ) -> tuple[World, World]:
     """A building of several storeys as mapped, and as a detector saw it on another run.
 
@@ -32,6 +38,7 @@ def draw_stacked(
         rng: the only source of randomness.
         alike: every storey has the rooms and the furniture of the first, but for places, which are each one's own.
         changed: share of the objects that each further storey of a tower lacks.
+        run: how the detector errs; None for the defaults.
 
     Raises:
         ConfigError: none that was drawn could be furnished.
@@ -48,7 +55,7 @@ def draw_stacked(
             kept = rng.random(len(items)) >= changed
             items = [item for item, stays in zip(items, kept.tolist(), strict=True) if stays] or items
         mapped.append(laid_out(config, plan, items, items, rng))
-        seen.append(laid_out(config, plan, items, detect(plan, items, SecondRun(), rng), rng))
+        seen.append(laid_out(config, plan, items, detect(plan, items, run or SecondRun(), rng), rng))
     stairs = []
     for _ in range(storeys - 1):
         places = list(mapped[0].graph.places.values())

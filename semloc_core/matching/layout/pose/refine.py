@@ -20,8 +20,8 @@ import numpy as np
 from semloc_core.graph import SHIFT_M, TURN_RAD, Floats, Ints
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
-from semloc_core.matching.layout.pose.align import Pairs, fit, pairs_at
 from semloc_core.matching.layout.pose.local_map import Complex, around_rows
+from semloc_core.matching.layout.pose.pairs import Pairs, fit, pairs_at
 from semloc_core.text import short_repr
 
 REACH_M = 1.5
