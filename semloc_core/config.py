@@ -56,7 +56,7 @@ class LocaliserConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     accept_probability: Annotated[
         float,
         Meta(ge=0.0, le=1.0, description="the status is match from this probability of the best place on"),
-    ] = 0.5
+    ] = 0.9
     rerank: Annotated[
         Literal["none", "layout"],
         Meta(

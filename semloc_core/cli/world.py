@@ -66,12 +66,21 @@ def many(
         typer.Option(help="Homes or offices of COCO's classes, or offices of uHumans2's."),
     ] = "home",
     count: Annotated[int, typer.Option(min=1, max=10_000, help="How many buildings.")] = 12,
+    plans: Annotated[
+        int, typer.Option(min=0, help="So many plans that they share, as flats do; 0: no two are alike.")
+    ] = 0,
+    lacks: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="Share of its plan's furniture that each lacks.")
+    ] = 0.2,
     seed: Seed = 0,
 ) -> None:
-    """Buildings of a kind, no two alike, each mapped and seen again by a detector, as `semloc evaluate` reads them."""
+    """Buildings of a kind, each mapped and seen again by a detector, as `semloc evaluate` reads them.
+
+    No two are alike, or they are flats of a few plans.
+    """
     import numpy as np
 
-    from semloc_core.sources import KINDS, draw_pair, write_world
+    from semloc_core.sources import KINDS, draw_flat, draw_pair, write_world
 
     places = 0
     with progress("building") as bar:
@@ -79,7 +88,12 @@ def many(
             bar(i, count, kind)
             folder = root / _folder(kind, seed, i)
             folder.mkdir(parents=True, exist_ok=True)
-            mapped, seen = draw_pair(KINDS[kind], np.random.default_rng([seed, i]))
+            own = np.random.default_rng([seed, i])
+            if plans:
+                plan = np.random.default_rng([seed, i % plans, plans])
+                mapped, seen = draw_flat(KINDS[kind], plan, own, lacks)
+            else:
+                mapped, seen = draw_pair(KINDS[kind], own)
             write_world(folder / "map.json", mapped)
             write_world(folder / "query.json", seen)
             places += len(mapped.graph.places)

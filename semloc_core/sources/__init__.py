@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from semloc_core.sources.world.kinds import BuildingKind, draw_pair
     from semloc_core.sources.world.office import OfficeConfig, make_office, write_world
     from semloc_core.sources.world.second_run import SecondRun
-    from semloc_core.sources.world.stacked import draw_stacked
+    from semloc_core.sources.world.stacked import draw_flat, draw_stacked
 else:
     __getattr__ = exports(__name__)
 
@@ -51,11 +51,10 @@ __all__ = [
     "Detection", "DetectionStream", "DetectorConfig", "DsgStream", "Frame", "GROUND_TRUTH_TOPIC", "Glance",
     "GraphBuilder", "Grid", "HydraFile", "KINDS", "LateError", "NoPathError", "OfficeConfig", "POSE_WITH_COVARIANCE",
     "Rigid", "Run", "SCENE_GRAPH_TOPIC", "STRING", "SecondRun", "SimulationConfig", "StampedPose", "Step",
-    "StreamConfig",
-    "TOLERANCE_S", "Truth", "TruthMatcher", "View", "Walk", "WalkConfig", "decode_string", "decode_truth",
-    "draw_pair", "draw_stacked", "encode_pose_with_covariance", "encode_string", "graph_at_end", "graph_of_grid",
-    "is_run", "make_office", "node_id", "odometry", "query_place", "read_building", "read_graph", "read_hydra",
-    "read_messages", "read_nav2", "read_objects", "read_run", "simulate_detections", "simulate_traversal",
-    "transform_of", "walk", "walks_through", "write_detections", "write_hydra", "write_run", "write_updates",
-    "write_world",
+    "StreamConfig", "TOLERANCE_S", "Truth", "TruthMatcher", "View", "Walk", "WalkConfig", "decode_string",
+    "decode_truth", "draw_flat", "draw_pair", "draw_stacked", "encode_pose_with_covariance", "encode_string",
+    "graph_at_end", "graph_of_grid", "is_run", "make_office", "node_id", "odometry", "query_place", "read_building",
+    "read_graph", "read_hydra", "read_messages", "read_nav2", "read_objects", "read_run", "simulate_detections",
+    "simulate_traversal", "transform_of", "walk", "walks_through", "write_detections", "write_hydra", "write_run",
+    "write_updates", "write_world",
 ]  # fmt: skip

@@ -7,6 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from semloc_core.cli.evaluate.commands import app
+from semloc_core.config import LocaliserConfig
 from semloc_core.evaluate.online.protocol import evaluate_online
 from semloc_core.evaluate.trust import Study, at_truth, failures, strangers, study_trust
 from semloc_core.evaluate.trust_curves import (
@@ -18,6 +19,8 @@ from semloc_core.evaluate.trust_curves import (
     worst,
 )
 from semloc_core.sources.world import World, write_world
+
+ACCEPTED = LocaliserConfig().accept_probability
 
 SCOPES = (0.0, 5.0)
 
@@ -117,8 +120,9 @@ def test_thresholds_accept_less_the_higher_they_are_and_agree_with_the_status(st
     accepted = [float(row["accepted"] or 0) for row in rows]
     assert accepted == sorted(accepted, reverse=True)
     status = next(row for row in status_rows(study) if row["scope"] == "5m")
-    assert accepted[0] == status["match"]
-    assert rows[0]["foreign_accepted"] == next(r for r in status_rows(study) if r["scope"] == "foreign 5m")["match"]
+    at = next(i for i, row in enumerate(rows) if row["method"] == f"p >= {ACCEPTED:g}")
+    assert accepted[at] == status["match"]
+    assert rows[at]["foreign_accepted"] == next(r for r in status_rows(study) if r["scope"] == "foreign 5m")["match"]
 
 
 def test_conditions_share_out_all_answers(study: Study) -> None:

@@ -1,4 +1,4 @@
-"""Buildings of several storeys: floors one above the other, joined by stairs; alike in a tower, or each of its own."""
+"""Buildings of several storeys, alike in a tower or each of its own, joined by stairs; and flats of one plan."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ STEPS = 5
 """Places on a flight of stairs."""
 FLIGHT_M = 2.0
 """How far a flight leads in the plane."""
+LACKS = 0.2
+"""Share of a plan's furniture that one of many flats lacks."""
 
 
 def draw_stacked(
@@ -62,6 +64,28 @@ def draw_stacked(
         x, y, _ = places[int(rng.integers(len(places)))]
         stairs.append((x, y))
     return stack(mapped, stairs, rise), stack(seen, stairs, rise)
+
+
+def draw_flat(
+    kind: BuildingKind, plan: np.random.Generator, rng: np.random.Generator, lacks: float = LACKS
+) -> tuple[World, World]:
+    """One of many flats of the same plan and furniture, each in a frame of its own, as mapped and as seen again.
+
+    Args:
+        kind: of building.
+        plan: draws the rooms and the furniture: from the same state the same ones.
+        rng: draws what is this flat's own: what it lacks, its places, what the detector makes of it.
+        lacks: share of the furniture that it lacks.
+
+    Raises:
+        ConfigError: as of `draw_pair`.
+
+    """
+    config, rooms, items = draw(kind, plan, lambda config, rng: (config, *furnished(config, rng)))
+    kept = rng.random(len(items)) >= lacks
+    items = [item for item, stays in zip(items, kept.tolist(), strict=True) if stays] or items
+    seen = detect(rooms, items, SecondRun(), rng)
+    return laid_out(config, rooms, items, items, rng), laid_out(config, rooms, items, seen, rng)
 
 
 def stack(floors: Sequence[World], stairs: Sequence[tuple[float, float]], rise_m: float) -> World:

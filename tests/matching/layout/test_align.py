@@ -17,8 +17,8 @@ from semloc_core.matching.layout import (
 )
 from semloc_core.matching.layout.confidence import perfect
 from semloc_core.matching.layout.evidence import evidence_at
-from semloc_core.matching.layout.pose.align import align
-from semloc_core.matching.layout.pose.heading_vote import HEADINGS, best_poses, heading_scores
+from semloc_core.matching.layout.pose.align import FARTHER, NARROWER, Aligned, align
+from semloc_core.matching.layout.pose.heading_vote import HEADINGS, MORE, TIED, best_poses, heading_scores
 from semloc_core.wire import Object, Place
 
 CONFIG = LayoutConfig()
@@ -173,4 +173,44 @@ def test_poses_beside_one_another_are_one():
     place, heading = best_poses(scores, positions, np.zeros(3, dtype=np.int64), 10, 1.0)
     assert place.tolist() == [0, 2, 0]
     np.testing.assert_allclose(heading, np.array([3, 3, 15]) * 2 * np.pi / HEADINGS)
+    scores[0, 3] = 8.0
     assert len(best_poses(scores, positions, np.zeros(3, dtype=np.int64), 1, 1.0)[0]) == 1
+
+
+def test_poses_that_tie_are_all_kept_up_to_a_bound():
+    """A tower of flats: which of them is tried must not be left to their order."""
+    scores, positions = np.zeros((100, HEADINGS), dtype=np.float32), 10.0 * np.arange(300.0).reshape(100, 3)
+    scores[:, 3] = 7.0
+    scores[6:8, 3] = 7.0 + TIED / 2
+    place, _ = best_poses(scores, positions, np.zeros(100, dtype=np.int64), 5, 1.0)
+    assert place.tolist() == [6, 7, *range(6), *range(8, 5 * MORE)]
+    scores[6:8, 3] = 7.1 + TIED
+    assert best_poses(scores, positions, np.zeros(100, dtype=np.int64), 5, 1.0)[0].tolist() == [6, 7, 0, 1, 2]
+
+
+def _room(noise_m: float) -> Aligned:
+    """Eight objects of eight classes around a robot, as mapped but for errors, fitted at the true pose."""
+    rng = np.random.default_rng(3)
+    at = rng.uniform(-4.0, 4.0, (8, 3)) * [1.0, 1.0, 0.1]
+    graph = building(at, np.arange(8), [[0, 0, 0], [1, 0, 0]])
+    seen = replace(graph, object_positions=at + noise_m * rng.standard_normal((8, 3)) * [1.0, 1.0, 0.0])
+    return align(layout(graph, 8), fragment_of_arrays(seen, 0, CONFIG), np.array([0]), np.array([0.0]))
+
+
+def test_the_more_exact_a_detector_is_the_more_its_objects_say():
+    """Written down: eight objects with no error, under a spread an eighth of the widest, less three numbers' worth."""
+    peak = 8 * CONFIG.detected / (2 * np.pi * CONFIG.spread_m**2) / (CONFIG.invented * (1 / 8 + 0.1 / 8) / 1.1)
+    odds = peak / 8 * ((1 - FARTHER) / NARROWER[-1] ** 2 + FARTHER)
+    assert _room(0.0).explained.sum() == pytest.approx(8 * np.log1p(odds) + 3 * np.log(NARROWER[-1]), rel=1e-6)
+    explained = [float(_room(noise).explained.sum()) for noise in (0.0, 0.1, 0.3, 0.6)]
+    assert explained == sorted(explained, reverse=True)
+    assert explained[0] > explained[-1] + 8.0
+
+
+def test_one_pair_of_objects_does_not_buy_an_exact_pose():
+    """Any two objects of a map that are about as far apart can be laid on two seen ones: that is no evidence."""
+    graph = building([[2.0, 0, 0], [0.0, 2.0, 0]], [0, 1], [[0, 0, 0], [1, 0, 0]])
+    fitted = align(layout(graph), fragment_of_arrays(graph, 0, CONFIG), np.array([0]), np.array([0.0]))
+    wide = np.log1p(CONFIG.detected / (2 * np.pi * CONFIG.spread_m**2) / layout(graph).invented[:2]).sum()
+    exact = 2 * np.log((1 - FARTHER) / NARROWER[-1] ** 2) + 3 * np.log(NARROWER[-1])
+    assert wide <= fitted.explained.sum() < wide + exact + 0.5

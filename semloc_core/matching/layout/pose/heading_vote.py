@@ -26,6 +26,8 @@ NEAR = 2.5
 """Pairs whose distances from their places differ by more spreads than this do not vote."""
 VOTERS = 16
 """Seen objects that vote, those of the rarest classes: they have the fewest to be mistaken for."""
+TIED, MORE = 3.0, 4
+"""Poses tie whose scores differ by no more, nats; up to so many times the usual number of them are kept."""
 _ROWS = HEADINGS + 2 * BESIDE
 _BLOCK = 64
 _AT_ONCE = 8
@@ -154,7 +156,7 @@ def best_poses(scores: Floats32, positions: Floats, building: Ints, most: int, a
         scores: (K, HEADINGS).
         positions: (K, 3) of the candidates, metres.
         building: (K,).
-        most: how many.
+        most: how many; up to `MORE` times as many where so many tie.
         apart_m: two candidates nearer than this, with headings less than two steps apart, are one pose.
 
     Returns:
@@ -164,6 +166,8 @@ def best_poses(scores: Floats32, positions: Floats, building: Ints, most: int, a
     around = np.concatenate([scores[:, -1:], scores, scores[:, :1]], axis=1)
     peaks = np.flatnonzero((scores >= around[:, :-2]) & (scores >= around[:, 2:]) & (scores > 0))
     value = scores.ravel()[peaks]
+    if len(value):
+        most = int(np.clip((value >= value.max() - TIED).sum(), most, MORE * most))
     if len(peaks) > 8 * most:
         some = np.flatnonzero(value >= np.partition(value, -8 * most)[-8 * most])
         peaks, value = peaks[some], value[some]
