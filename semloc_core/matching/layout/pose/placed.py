@@ -24,6 +24,9 @@ RIVALLING = 10.0
 """Poses of the best answer that score worse than its best by more nats than this are not looked at again."""
 MOST = 6
 """Poses that are refined for one update at most; bounds its cost."""
+CHANCE = 10.0
+"""Of the poses within the match radius, in all headings, chance makes one so likely, nats; fitted on generated homes.
+About what their volume is over that of a pose known to 0.1 m and 6°."""
 NO_YAW = math.pi**2 / 3
 """Variance of a heading of which nothing is known, rad²."""
 
@@ -75,7 +78,7 @@ def placed(mapped: MappedLayout, fragment: Fragment, verified: Verified, rows: S
     """Refined transforms by row of the map, of those of some rows that were put to the test.
 
     All rows of one answer have the same one: the best of it. Where several poses of an answer explain what is seen, its
-    covariance holds their spread.
+    covariance holds their spread, and that of all others as far as it may be chance.
 
     Args:
         mapped: the map.
@@ -148,6 +151,10 @@ def _answer(
     turned = refined.heading - refined.heading[best]
     apart[:, 3] = np.arctan2(np.sin(turned), np.cos(turned))
     covariance = (weight @ refined.covariance.reshape(-1, 16)).reshape(4, 4) + (apart.T * weight) @ apart
+    # Few objects fit by chance too: then the robot is anywhere there, however well they fit.
+    by_chance = 1.0 / (1.0 + math.exp(min(float(score[best]) - CHANCE, 50.0)))
+    anywhere = np.diag([MATCH_RADIUS_M**2 / 4, MATCH_RADIUS_M**2 / 4, covariance[2, 2], NO_YAW])
+    covariance += by_chance * (anywhere - covariance)
     return Placed(building, float(refined.heading[best]), fragment.origin, position[best], covariance)
 
 

@@ -26,7 +26,7 @@ from semloc_core.text import short_repr
 
 REACH_M = 1.5
 """Pairs that are further apart at the pose to begin with are none."""
-SPREADS_M = (0.4, 0.25, 0.0, 0.0)
+SPREADS_M = (0.25, 0.1, 0.0)
 """The least spread in each round of expectation–maximisation."""
 USUAL_M = 0.12
 """Standard deviation of an object, per axis, before its fellows' residuals are known."""
