@@ -101,6 +101,8 @@ class Localiser:
         outcome = self.live.apply(update)
         if outcome is not Outcome.REPEATED:
             self._answered = None
+        if self._filter is not None and outcome is Outcome.APPLIED and self.live.stream.anew:
+            self._filter.forget()
         return outcome
 
     def locate(self, place: str | None = None) -> Located:

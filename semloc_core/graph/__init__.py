@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from semloc_core.graph.arrays import Floats, GraphArrays, Ints
     from semloc_core.graph.changes.ages import Ages, Way
     from semloc_core.graph.changes.delta import GraphDeltas
-    from semloc_core.graph.changes.drift import SHIFT_M, TURN_RAD, DriftMeter, expected_square
+    from semloc_core.graph.changes.drift import SHIFT_M, TURN_RAD, DriftMeter
     from semloc_core.graph.changes.stream import Outcome, UpdateStream
     from semloc_core.graph.geodesic import ball, connected, many_balls, ranges
     from semloc_core.graph.labels.classes import Labels, Reading, advice, all_unknown, read_graph
@@ -39,7 +39,7 @@ __all__ = [
     "Ages", "Change", "DriftMeter", "Floats", "GraphArrays", "GraphDeltas", "INDEX_BITS", "Ints", "LARGEST_ID",
     "Labels", "Labelspace", "Outcome", "Reading", "SHIFT_M", "SceneGraph", "TURN_RAD", "UpdateStream", "Visibility",
     "Way", "advice", "all_numbers", "all_unknown", "ball", "carried_sightings", "connected", "count_unknown",
-    "expected_square", "full_id", "is_nameless", "labelspace_from_hydra", "lacks", "listed", "load_labelspace",
+    "full_id", "is_nameless", "labelspace_from_hydra", "lacks", "listed", "load_labelspace",
     "load_synonyms", "many_balls", "mend", "nearest_parents", "node_number", "number_of", "object_distances",
     "place_spacing", "ranges", "read_graph", "resample_places", "separate", "short_id", "storey_at", "storeys_at",
     "storeys_of", "union", "visible_pairs",

@@ -2,24 +2,28 @@
 
 An online graph remembers, so that most of what has been seen speaks in the present answer already. What does not are
 objects beyond the reach of its test. Hence a few answers are kept, made further apart than that reach: what they rest
-on is independent. Each answer says where the run's frame lies in a building; so it says where the robot was at the
-time of each kept one, and is as likely by it as what that one gave to this place. How far the frame may have drifted
-since is reckoned with (`semloc_core.graph.SHIFT_M`, ``TURN_RAD``).
+on is independent, or nearly so. Each answer says where the run's frame lies in a building; so it says where the robot
+was at the time of each kept one. How far the frame may have drifted since is reckoned with
+(`semloc_core.graph.SHIFT_M`, ``TURN_RAD``).
 
-The past never silences the present: all of it together says `SWAY` nats at most, and is forgotten once answers that are
-sure by themselves agree with one another, and not with it (a robot that was carried away, a mapper that began anew).
+The state is where the frame lies: where one of these answers has it, or elsewhere. From a kept answer to the next the
+frame goes on, or it is a new one that may lie anywhere, as a robot's that was carried away: a hidden Markov model, so
+its forward algorithm (Rabiner, Proc. IEEE 1989, III.A). All that is kept is weighed together each time: an answer that
+was sure and wrong, as in a twin, counts for less and less as later ones disagree with it, and a past that is denied
+gives way, to much evidence at once and to little that lasts. It never counts for more than frames that may be new leave
+to it: `WENT_ON` over `ANYWHERE` times the rest. Where the graph itself begins anew (`semloc_core.graph.UpdateStream`),
+so does the frame, and whoever keeps the filter makes it forget.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph import Floats, expected_square
+from semloc_core.graph import SHIFT_M, TURN_RAD, Floats
 from semloc_core.matching import Answers
 from semloc_core.text import short_repr
 
@@ -31,14 +35,17 @@ KEPT = 8
 """So many of the latest are kept."""
 NEAR_M = 3.0
 """Without drift, two answers so near are one, metres."""
-LEAST = 0.01
-"""An answer is not less likely by a kept one than this: that may be wrong, or the robot have been carried."""
-UNLISTED = 0.1
-"""Share of what a kept answer leaves to all other places that a place it does not list has."""
-SWAY = 4.0
-"""The most that the past says for one answer against another, nats."""
-SURE, AGREEING, STEP_M = 0.9, 3, 1.0
-"""So many answers, so likely by themselves, each so far from the last, make the past forgotten that denies them."""
+WENT_ON = 0.2
+"""P(the frame went on) from a kept answer to the next. Few robots are carried away that often: it also stands for what
+answers have in common that are taken as independent. More brings little where rooms are alike and costs much where the
+robot was carried, less brings nothing (generated worlds)."""
+ANYWHERE = 0.05
+"""P(the frame lies where some answer has it) while nothing is known, and such an answer's share in what another, that
+does not list it, leaves to all that it does not list."""
+WRONG = 0.02
+"""P(an answer says nothing), whatever it says."""
+LEAST = 1e-3
+"""Where a kept answer has the robot less likely than this, it might as well be elsewhere."""
 
 
 @short_repr
@@ -68,30 +75,22 @@ class _Answer:
         names = np.array(buildings)[answers.building]
         return cls(at, walked, names, answers.pose, answers.heading, answers.likely())
 
-    def found_again(self, now: _Answer, drift: float | None) -> NDArray[np.bool_]:
-        """(B, A) whether it has the robot where each of the present answers, B, has it then."""
-        x, y, z = (self.at - now.at).tolist()
-        c, s = np.cos(now.heading), np.sin(now.heading)
-        then = now.pose + np.stack([c * x - s * y, s * x + c * y, np.full(len(c), z)], axis=1)
-        way = abs(now.walked - self.walked) * (1.0 if drift is None else drift)
-        wide = NEAR_M + 2.0 * math.sqrt(way * expected_square(math.hypot(x, y)))
-        near = np.linalg.norm(then[:, None] - self.pose, axis=2) <= wide
-        near &= now.building[:, None] == self.building
-        found: NDArray[np.bool_] = near
-        return found
+    @property
+    def left(self) -> float:
+        """P(the robot was at none of these places)."""
+        return max(0.0, 1.0 - float(self.chance.sum()))
 
 
 class FrameFilter:
-    """What earlier answers say of one more. It goes on through full updates, gaps and lost graphs."""
+    """What earlier answers say of one more. It goes on through full updates, gaps and lost graphs that come back."""
 
     def __init__(self) -> None:
         self._kept: list[_Answer] = []
         self._spots: list[Floats] = []
-        self._denied: list[_Answer] = []
 
     def forget(self) -> None:
         """Know nothing."""
-        self._kept, self._spots, self._denied = [], [], []
+        self._kept, self._spots = [], []
 
     def observe(
         self, answers: Answers, buildings: Sequence[str], at: Floats, walked: float, drift: float | None
@@ -110,12 +109,10 @@ class FrameFilter:
 
         """
         now = _Answer.of(answers, buildings, at, walked)
-        log, elsewhere = self._said(now, drift)
-        if not self._denies(now, log, drift):
-            self._keep(now)
-        left = math.exp(elsewhere) * max(0.0, 1.0 - float(now.chance.sum()))
-        found: Floats = np.exp(log) / max(float((np.exp(log) * now.chance).sum()) + left, 1e-12)
-        return found
+        past = [kept for kept in self._kept if float(np.linalg.norm(kept.at - at)) >= APART_M]
+        past.sort(key=lambda kept: kept.walked)
+        self._keep(now)
+        return _weighed(now, past, drift) if past else np.ones(len(now.chance))
 
     def _keep(self, now: _Answer) -> None:
         at = now.at
@@ -131,32 +128,51 @@ class FrameFilter:
         last = max(self._kept, key=lambda kept: kept.walked, default=None)
         return () if last is None else tuple(np.unique(last.building[last.chance >= least]).tolist())
 
-    def _denies(self, now: _Answer, log: Floats, drift: float | None) -> bool:
-        """Whether the past, by what it says (A,), denies an answer that is sure; it is forgotten once some agreed."""
-        best = int(now.chance.argmax())
-        if now.chance[best] < SURE or log[best] > -SWAY / 2:
-            self._denied = []
-            return False
-        if self._denied and not self._denied[-1].found_again(now, drift)[best][self._denied[-1].chance >= SURE].any():
-            self._denied = []
-        if not self._denied or now.walked - self._denied[-1].walked >= STEP_M:
-            self._denied.append(now)
-        if len(self._denied) < AGREEING:
-            return True
-        self.forget()
-        return False
 
-    def _said(self, now: _Answer, drift: float | None) -> tuple[Floats, float]:
-        """What the past says for each of A answers, and for the robot being elsewhere: nats below the best of these."""
-        log, elsewhere = np.zeros(len(now.chance)), 0.0
-        for kept in self._kept:
-            if float(np.linalg.norm(kept.at - now.at)) < APART_M:
-                continue
-            found = kept.found_again(now, drift)
-            given = np.where(found, kept.chance, 0.0).max(axis=1)
-            left = 1.0 - float(kept.chance.sum())
-            log += np.log(np.maximum(given, max(UNLISTED * left, LEAST)))
-            # What the present answer does not list may be what the kept one did.
-            elsewhere += math.log(max(1.0 - float(kept.chance[found.any(axis=0)].sum()), LEAST))
-        best = max(float(log.max()), elsewhere)
-        return np.maximum(log - best, -SWAY), max(elsewhere - best, -SWAY)
+def _weighed(now: _Answer, past: Sequence[_Answer], drift: float | None) -> Floats:
+    """(A,) by how much the past, oldest first, makes each of the present answers likelier."""
+    entries = [now, *reversed(past)]
+    of = np.repeat(np.arange(len(entries)), [len(entry.chance) for entry in entries])
+    again, chance = _found_again(entries, of, drift), np.concatenate([entry.chance for entry in entries])
+    # Frames, each once: as the present has them, then those of others that no newer answer has.
+    frames = np.flatnonzero(of == 0)
+    for number in range(1, len(entries)):
+        own = np.flatnonzero((of == number) & (chance > LEAST))
+        frames = np.append(frames, own[~again[own][:, frames].any(axis=1)])
+    belief, elsewhere = _anew(np.zeros(len(frames)), 0.0, 0.0)
+    for number in range(len(past), 0, -1):
+        # P(answer | frame) over that if nothing were known, which by Bayes' rule is P(frame | answer) over P(frame).
+        said = np.where(again[frames] & (of == number), chance, 0.0).max(axis=1, initial=0.0)
+        mine = of[frames] == number
+        said[mine] = chance[frames[mine]]
+        left = entries[number].left
+        said = np.where(said > 0, said / ANYWHERE, left)
+        belief = belief * (said + WRONG * (1.0 - said))
+        elsewhere = elsewhere * (left + WRONG * (1.0 - left))
+        belief, elsewhere = _anew(belief, elsewhere, WENT_ON)
+    own = belief[: len(now.chance)] / ANYWHERE
+    total = float((own * now.chance).sum()) + now.left * (float(belief[len(own) :].sum()) + elsewhere)
+    found: Floats = own / max(total, 1e-12)
+    return found
+
+
+def _anew(belief: Floats, elsewhere: float, went_on: float) -> tuple[Floats, float]:
+    """Belief in F frames and in all others, which need not sum to 1, once the frame may be a new one."""
+    total, n = float(belief.sum()) + elsewhere, len(belief)
+    some, other = n * ANYWHERE, max(1.0 - n * ANYWHERE, ANYWHERE)
+    new, kept = (1.0 - went_on) / (some + other), went_on / total if total > 0 else 0.0
+    return kept * belief + new * ANYWHERE, kept * elsewhere + new * other
+
+
+def _found_again(entries: Sequence[_Answer], of: NDArray[np.int64], drift: float | None) -> NDArray[np.bool_]:
+    """(N, N) whether one answer has the robot, at the time of another, where that one has it; ``of`` are whose."""
+    heading, pose = (np.concatenate([getattr(entry, name) for entry in entries]) for name in ("heading", "pose"))
+    building = np.concatenate([entry.building for entry in entries])
+    at, walked = np.stack([entry.at for entry in entries])[of], np.array([entry.walked for entry in entries])[of]
+    x, y, z = np.moveaxis(at - at[:, None], 2, 0)
+    c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
+    off = np.stack([c * x - s * y, s * x + c * y, z], axis=2) + pose[:, None] - pose
+    way = np.abs(walked[:, None] - walked) * (1.0 if drift is None else drift)
+    wide = NEAR_M + 2.0 * np.sqrt(way * (2 * SHIFT_M**2 + TURN_RAD**2 * (x * x + y * y)))
+    near: NDArray[np.bool_] = (np.linalg.norm(off, axis=2) <= wide) & (building[:, None] == building)
+    return near

@@ -1,5 +1,6 @@
 """Which updates are let in: a robot that misses one must not localise in a graph that never was."""
 
+import msgspec
 import pytest
 
 from semloc_core.errors import GraphError
@@ -81,3 +82,42 @@ def test_a_rejected_full_update_keeps_the_graph_before_it():
         stream.apply(update(1, full=True, place="b", edge=("b", "nowhere")))
     assert stream.graph is not None
     assert set(stream.graph.places) == {"a"}
+
+
+def graph(seq: int, *places: tuple[str, float], full: bool = True) -> SceneGraphUpdate:
+    at = [Place(id=id_, position=(x, 0.0, 0.0)) for id_, x in places]
+    return msgspec.structs.replace(update(seq, full=full), places=at)
+
+
+KNOWN = (("a", 0.0), ("b", 5.0), ("c", 10.0), ("d", 15.0))
+
+
+@pytest.mark.parametrize(
+    ("after", "anew"),
+    [
+        (KNOWN, False),
+        ((*KNOWN, ("e", 20.0)), False),
+        (KNOWN[:2], False),
+        (KNOWN[:1], True),
+        ((("x", 0.0), ("y", 5.0)), True),
+        (tuple((id_, x + 0.9) for id_, x in KNOWN), False),
+        (tuple((id_, x + 1.1) for id_, x in KNOWN), True),
+        ((), True),
+    ],
+)
+def test_a_graph_of_which_less_than_half_stayed_began_anew(after, anew):
+    stream, _ = outcomes(graph(0, *KNOWN), graph(0, *after))
+    assert stream.anew == anew
+    stream.apply(graph(1, ("z", 30.0), full=False))
+    assert not stream.anew
+
+
+@pytest.mark.parametrize(("after", "anew"), [(KNOWN, False), ((("x", 0.0),), True)])
+def test_after_a_gap_the_graph_before_it_counts(after, anew):
+    stream, seen = outcomes(graph(0, *KNOWN), graph(5, full=False), graph(6, full=False), graph(9, *after))
+    assert seen == [Outcome.APPLIED, Outcome.GAP, Outcome.WAITING, Outcome.APPLIED]
+    assert stream.anew == anew
+
+
+def test_the_first_graph_of_all_is_no_other_one():
+    assert not outcomes(graph(0, *KNOWN))[0].anew

@@ -99,6 +99,22 @@ def test_covariances_mean_what_they_say(homes):
         assert figures["position_error_m"] < 0.15
 
 
+def test_what_may_fit_by_chance_says_little_however_well_it_fits():
+    """Two objects as they are mapped, among places where nothing tells one heading from another; and then six."""
+    places = [[x, y, 0.0] for x in np.arange(-3, 3.5, 1.0) for y in np.arange(-3, 3.5, 1.0)]
+    around = [[2.0, 0.0, 0], [0.0, 2.5, 0], [-1.5, -2.0, 0], [1.0, 1.5, 0], [-2.5, 0.5, 0], [0.5, -1.5, 0]]
+    spread = []
+    for n in (2, 6):
+        mapped = building(around[:n], list(range(1, n + 1)), places)
+        verifier = layout_verifier((mapped,), 7)
+        fragment = fragment_of_arrays(mapped, 24, CONFIG)
+        found = verifier.verify(fragment)
+        covariance = placed(verifier.mapped, fragment, found, [int(found.rows[0])])[int(found.rows[0])].covariance
+        spread.append(np.sqrt(np.diag(covariance))[[0, 1, 3]])
+    assert (spread[0] > 0.25).all(), "a metre and thirty degrees off are to be reckoned with"
+    assert (spread[1] < 0.1).all()
+
+
 def test_a_heading_that_cannot_be_told_has_a_wide_variance():
     """Two like objects on either side: half a turn explains as much."""
     places = [[x, y, 0.0] for x in np.arange(-3, 3.5, 1.0) for y in np.arange(-3, 3.5, 1.0)]
