@@ -1,7 +1,7 @@
 """The filter over where the run's frame lies: what the past says, what it may not say, and what makes it forgotten."""
 
-from copy from itertools import pairwise
-import deepcopy
+from copy import deepcopy
+from itertools import pairwise
 
 import msgspec
 import numpy as np
