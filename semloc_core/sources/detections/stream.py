@@ -14,7 +14,8 @@ import numpy as np
 from msgspec import Meta
 
 from semloc_core.errors import GraphError, MessageError
-from semloc_core.sources.detections.builder import BuilderConfig, GraphBuilder
+from semloc_core.sources.detections.builder import GraphBuilder
+from semloc_core.sources.detections.config import BuilderConfig
 from semloc_core.sources.detections.frames import IDENTITY, LateError, NoPathError, Rigid
 from semloc_core.sources.detections.grid import Grid
 from semloc_core.sources.detections.things import Detection, View
@@ -166,8 +167,7 @@ class DetectionStream:
         if self._builder is None:
             self._builder = GraphBuilder(self._config, self._graph_frame)
         try:
-            for view in views:
-                self._builder.see(view)
+            self._builder.see(*views)
         except MessageError as error:
             self.passed_over[str(error)] += 1
             return
