@@ -20,8 +20,8 @@ from semloc_core.graph import Floats, GraphArrays, load_labelspace
 from semloc_core.sources import KINDS, draw_pair
 from semloc_core.training import honest_temperature
 
-BUILDINGS = {"home": 12, "office": 6}
-"""Buildings of each kind: homes are smaller."""
+BUILDINGS = (("home", KINDS["home"], 12), ("office", KINDS["office"], 6))
+"""Kinds of buildings, and how many: homes are smaller."""
 PLACES = 40
 """Places of each building that are asked about, spread evenly."""
 
@@ -64,8 +64,8 @@ def _asked(arena: Arena) -> tuple[Floats, Bools, Bools]:
 def arenas(seed: int) -> Iterator[Arena]:
     """The buildings of each kind, as the classes of COCO."""
     space = load_labelspace("coco")
-    for kind, count in BUILDINGS.items():
-        pairs = [draw_pair(KINDS[kind], np.random.default_rng([seed, number])) for number in range(count)]
+    for _, kind, count in BUILDINGS:
+        pairs = [draw_pair(kind, np.random.default_rng([seed, number])) for number in range(count)]
         maps, queries = (
             tuple(GraphArrays.from_scene_graph(pair[side].graph, space, str(n)) for n, pair in enumerate(pairs))
             for side in (0, 1)
@@ -79,7 +79,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the buildings")
     seed = parser.parse_args().seed
     drawn = list(arenas(seed))
-    for name, some in (*((kind, [arena]) for kind, arena in zip(BUILDINGS, drawn, strict=True)), ("all", drawn)):
+    for name, some in (*((of[0], [arena]) for of, arena in zip(BUILDINGS, drawn, strict=True)), ("all", drawn)):
         similarity, near, right = asked(some)
         fitted = honest_temperature(similarity, near, right)
         print(f"{name}: {len(right)} queries, {right.mean():.3f} right, temperature {fitted:.2g}")  # noqa: T201
