@@ -73,6 +73,11 @@ def _sets() -> tuple[tuple[frozenset[str], frozenset[str]], ...]:
     return tuple(found)
 
 
+def _words(name: str) -> list[str]:
+    """The groups of a name and of each of its words for one thing."""
+    return list(dict.fromkeys(_group(word) for word in (name, *_PARTS.split(name)) if word))
+
+
 class CrossWalk:
     """From the names of any label set to the classes of one labelspace.
 
@@ -94,7 +99,7 @@ class CrossWalk:
         The same thing by another name; else the nearest class that it is a kind of; else the class that is a kind of
         it, where that is one. Of a name of several words for one thing (``sofa, couch, lounge``), each is tried.
         """
-        found = self.among(name)
+        found = self._looked_up(name)
         return found[0] if len(found) == 1 else None
 
     def among(self, name: str) -> tuple[str, ...]:
@@ -103,6 +108,9 @@ class CrossWalk:
         Those are the kinds of it that are there, or, of a set's name for the rest (``otherprop``), all that the set
         has neither a name nor a wider one for. Either way what a set names otherwise is not meant by its wider name.
         """
+        return self._looked_up(name) or next(filter(None, map(self._rest, _words(name))), ())
+
+    def _looked_up(self, name: str) -> tuple[str, ...]:
         if name not in self._found:
             if len(self._found) >= REMEMBERED:
                 self._found.clear()
@@ -112,9 +120,8 @@ class CrossWalk:
     def _search(self, name: str) -> tuple[str, ...]:
         if is_nameless(name) or number_of(name) is not None:
             return ()
-        words = list(dict.fromkeys(_group(word) for word in (name, *_PARTS.split(name)) if word))
-        for way in (self._same, self._wider, self._kinds, self._rest):
-            for word in words:
+        for way in (self._same, self._wider, self._kinds):
+            for word in _words(name):
                 if found := way(word):
                     return found
         return ()

@@ -84,6 +84,8 @@ def test_a_sets_name_for_the_rest_may_be_all_that_it_has_no_name_for() -> None:
     assert walk.among("otherprop") == walk.among("otherstructure") == ("plant", "bench", "vase", "oven")
     assert walk.among("objects") == ("bench", "vase"), "Matterport has a plant, and appliances"
     assert walk.find("otherprop") is None
+    one = CrossWalk(Labelspace("own", ("chair", "plant")))
+    assert (one.find("otherprop"), one.among("otherprop")) == (None, ("plant",)), "it may be nothing that is mapped"
     assert walk.among("zeppelin") == ()
 
 
