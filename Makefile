@@ -5,7 +5,8 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3.13 python3; do command 
 VENV ?= .venv
 PY := $(VENV)/bin/python
 # Without PYTHONPATH: where ROS is sourced, pip would warn of what ROS brings along.
-PIP := env -u PYTHONPATH $(PY) -m pip --disable-pip-version-check -qq install --constraint constraints.txt
+# Nothing is compiled ahead: of PyTorch and its like most is never imported.
+PIP := env -u PYTHONPATH $(PY) -m pip --disable-pip-version-check -qq install --no-compile --constraint constraints.txt
 OUT ?= out
 
 .DEFAULT_GOAL := help
@@ -19,7 +20,11 @@ help: ## what there is to make
 $(VENV)/.created:
 	@test -n "$(PYTHON)" || { echo "semloc needs Python 3.11 or newer with venv (Debian: apt install python3-venv)"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	sh tools/install_torch.sh $(PY)
+	PIP_NO_COMPILE=0 sh tools/install_torch.sh $(PY)  # pip takes this 0 for --no-compile
+	@touch $@
+
+$(VENV)/.demo: $(VENV)/.created pyproject.toml constraints.txt
+	$(PIP) --editable '.[demo]'
 	@touch $@
 
 $(VENV)/.tools: $(VENV)/.created pyproject.toml constraints.txt
@@ -32,7 +37,7 @@ $(VENV)/.test: $(VENV)/.tools
 
 # -- what users run -------------------------------------------------------------------------------------------
 
-demo: $(VENV)/.tools ## replay a simulated run (or one through DATA=a Hydra file) against a map; a page in out/demo
+demo: $(VENV)/$(if $(DATA),.tools,.demo) ## replay a simulated run (or one through DATA=a Hydra file) against a map; a page in out/demo
 	$(PY) -m semloc_core demo $(DATA) --force -o $(OUT)/demo
 
 test: lint types unit ## ruff, the order of the rooms, mypy and the whole test suite

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from typing import Any
 
+from semloc_core.cli.shared.absent import absent
 from semloc_core.cli.shared.ending import print_plainly, stops
 
 __all__ = ["main"]
@@ -14,8 +15,11 @@ def main() -> None:
     """Run the command line and exit; whatever a person can get wrong becomes one line on stderr and exit status 2."""
     with stops():
         print_plainly()
-        from semloc_core.cli.commands import run
-
+        try:
+            from semloc_core.cli.commands import run
+        except ModuleNotFoundError as error:
+            sys.stderr.write(f"semloc: {absent(error)}\n")
+            sys.exit(2)
         status = run(sys.argv[1:])
     sys.exit(status)
 

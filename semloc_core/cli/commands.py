@@ -12,6 +12,7 @@ from semloc_core import __version__
 from semloc_core.cli import bags, bench, demo, explain, graph, introspect, replay, report, train, view, world
 from semloc_core.cli.evaluate import commands as evaluate
 from semloc_core.cli.maps import commands as maps
+from semloc_core.cli.shared.absent import absent
 from semloc_core.cli.shared.ending import unread
 from semloc_core.cli.shared.inputs import guard
 from semloc_core.cli.shared.outputs import App
@@ -106,6 +107,8 @@ def run(words: list[str]) -> int:
         status = _wrong(str(error))
     except BrokenPipeError:
         status = unread()
+    except ModuleNotFoundError as error:
+        status = _wrong(absent(error))
     except OSError as error:
         status = _wrong(f"{error.filename or 'input or output'}: {error.strerror or error}")
     except SystemExit as stop:

@@ -82,14 +82,14 @@ def explain(
     from semloc_core import wire
     from semloc_core.cli.explained import print_answer, print_brief, print_explanation
     from semloc_core.explain import asked_methods, check_asked, explain_pair
-    from semloc_core.graph import Reading, advice, all_unknown, count_unknown
+    from semloc_core.graph import advice, all_unknown, count_unknown
     from semloc_core.localiser import Localiser
-    from semloc_core.map_database import load
+    from semloc_core.map_database import load, reading_for
 
     chosen = None if methods is None else by_comma(methods)
     check_asked(chosen or [])
     loaded = load(map_file)
-    graph = read_graph_or_run(source, Reading.of(labelspace, synonyms, loaded.model.labelspace, topic, robot))
+    graph = read_graph_or_run(source, reading_for(loaded, labelspace, synonyms, topic, robot))
     unknown = count_unknown(graph, loaded.model.labelspace)
     report_unknown_classes(unknown, str(source), advise=False)
     query, said = _query_place(graph, query, near, within)

@@ -95,7 +95,8 @@ def replay(
 
     from semloc_core.cli.replay_table import print_summary
     from semloc_core.fleet import open_localiser
-    from semloc_core.graph import Reading, advice
+    from semloc_core.graph import advice
+    from semloc_core.map_database import reading_for
     from semloc_core.replay import Answer
     from semloc_core.replay import replay as run_replay
     from semloc_core.wire import TumWriter
@@ -113,7 +114,7 @@ def replay(
     localiser = open_localiser(map_, config, outage_s=OUTAGE_S)
     writer = TumWriter(tum, localiser.buildings) if tum is not None else None
     try:
-        reading = Reading.of(labelspace, synonyms, localiser.map.model.labelspace)
+        reading = reading_for(localiser.map, labelspace, synonyms)
         labels = localiser.live.labels = reading.labels()
         with writer or nullcontext():
             summary = run_replay(

@@ -101,13 +101,12 @@ def replay(
     It opens without a network. What speaks for the rivals is computed now, from the run: without --run (and unless the
     updates were recorded beside the answers) the page says what it lacks.
     """
-    from semloc_core.graph import Reading
-    from semloc_core.map_database import load
+    from semloc_core.map_database import load, reading_for
     from semloc_core.report import kept, replay_page
 
     beside = kept(study) if study is not None else None
     loaded = load(map_file)
-    reading = Reading.of(labelspace, synonyms, loaded.model.labelspace)
+    reading = reading_for(loaded, labelspace, synonyms)
     data = read_with_rivals(results, loaded, run, node, topic, robot, truth_tolerance, reading)
     text = replay_page(data, loaded, results.name, beside)
     write_whole(output, text.encode())

@@ -45,13 +45,12 @@ def view(
     """
     import torch
 
-    from semloc_core.graph import Reading
-    from semloc_core.map_database import load
+    from semloc_core.map_database import load, reading_for
     from semloc_core.report import Feed, has_answers, live_page, replay_page, served
 
     torch.set_num_threads(1)
     loaded = load(map_file)
-    reading = Reading.of(labelspace, synonyms, loaded.model.labelspace)
+    reading = reading_for(loaded, labelspace, synonyms)
     if has_answers(run, node):
         data = read_with_rivals(run, loaded, updates, node, topic, robot, truth_tolerance, reading)
         with served(replay_page(data, loaded, run.name), None, host, port) as address:

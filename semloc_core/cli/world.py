@@ -10,6 +10,7 @@ import typer
 
 from semloc_core.cli.shared.common import Seed, console, progress
 from semloc_core.cli.shared.outputs import App, Writes, output_option
+from semloc_core.cli.shared.screen import many as counted
 from semloc_core.files import FOLDER, GRAPH
 
 app = App(no_args_is_help=True, help="Generate buildings.")
@@ -97,4 +98,4 @@ def many(
             write_world(folder / "map.json", mapped)
             write_world(folder / "query.json", seen)
             places += len(mapped.graph.places)
-    console.print(f"{root}: {count} buildings, {places} places mapped")
+    console.print(f"{root}: {counted(count, 'building')}, {places} places mapped")

@@ -7,6 +7,7 @@ within 4 m and on the same storey; that of the truth is told by the building's o
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -224,7 +225,8 @@ def relabelled(buildings: Sequence[Building], names: Mapping[str, str]) -> list[
 
     """
     space = union([building.map.labelspace for building in buildings])
-    labels = Reading(known=space, auto=True).labels()
+    often = Counter(thing.class_ for building in buildings for thing in building.map.graph.objects.values())
+    labels = Reading(auto=True).with_known(space, often).labels()
 
     def said(graph: SceneGraph) -> SceneGraph:
         things = {

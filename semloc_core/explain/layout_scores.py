@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from semloc_core.explain.scores import by_share
 from semloc_core.matching import Evidence
-from semloc_core.wire import MethodAttributions, ObjectAttribution
+from semloc_core.wire import NAMELESS, MethodAttributions, ObjectAttribution
 
 LAYOUT = "layout"
 """The explainer's name."""
@@ -31,7 +31,7 @@ def layout_attributions(evidence: Evidence, names: Sequence[str]) -> MethodAttri
     """
     seen = evidence.fragment
     of_objects = [
-        ObjectAttribution(id=id_, class_=names[class_], score=nats, mapped=mapped)
+        ObjectAttribution(id=id_, class_=names[class_] if class_ >= 0 else NAMELESS, score=nats, mapped=mapped)
         for id_, class_, nats, mapped in zip(
             seen.object_ids, seen.classes.tolist(), evidence.explained.tolist(), evidence.mapped, strict=True
         )

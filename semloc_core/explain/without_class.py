@@ -32,7 +32,8 @@ def without_classes(located: Located, perturbed: PerturbedEncoder, most: int = M
     verifier, names = verifier_of(located.map), located.map.model.labelspace.classes
     assert verifier is not None, "expected the map of an answer that was put to the test"
     assert located.evidence is not None, "expected an answer that was put to the test"
-    seen = [of.class_ for of in layout_attributions(located.evidence, names).classes if of.instances][:most]
+    said = layout_attributions(located.evidence, names).classes
+    seen = [of.class_ for of in said if of.instances and of.class_ in names][:most]
     return [_without(located, perturbed, verifier, names.index(name)) for name in seen]
 
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from semloc_core.exports import exports
 
 if TYPE_CHECKING:
-    from semloc_core.graph.arrays import Floats, GraphArrays, Ints
+    from semloc_core.graph.arrays import Floats, GraphArrays, Ints, label_table
     from semloc_core.graph.changes.ages import Ages, Way
     from semloc_core.graph.changes.delta import GraphDeltas
     from semloc_core.graph.changes.drift import SHIFT_M, TURN_RAD, DriftMeter
@@ -39,8 +39,8 @@ __all__ = [
     "Ages", "Change", "DriftMeter", "Floats", "GraphArrays", "GraphDeltas", "INDEX_BITS", "Ints", "LARGEST_ID",
     "Labels", "Labelspace", "Outcome", "Reading", "SHIFT_M", "SceneGraph", "TURN_RAD", "UpdateStream", "Visibility",
     "Way", "advice", "all_numbers", "all_unknown", "ball", "carried_sightings", "connected", "count_unknown",
-    "full_id", "is_nameless", "labelspace_from_hydra", "lacks", "listed", "load_labelspace",
-    "load_synonyms", "many_balls", "mend", "nearest_parents", "node_number", "number_of", "object_distances",
-    "place_spacing", "ranges", "read_graph", "resample_places", "separate", "short_id", "storey_at", "storeys_at",
-    "storeys_of", "union", "visible_pairs",
+    "full_id", "is_nameless", "label_table", "labelspace_from_hydra", "lacks", "listed",
+    "load_labelspace", "load_synonyms", "many_balls", "mend", "nearest_parents", "node_number", "number_of",
+    "object_distances", "place_spacing", "ranges", "read_graph", "resample_places", "separate", "short_id", "storey_at",
+    "storeys_at", "storeys_of", "union", "visible_pairs",
 ]  # fmt: skip

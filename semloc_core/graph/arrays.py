@@ -6,6 +6,8 @@ in canonical order (ids sorted as strings), so that the same graph always gives 
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.graph.geodesic import edge_lengths
-from semloc_core.graph.labels.labelspace import Labelspace
+from semloc_core.graph.labels.labelspace import Labelspace, is_nameless
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.graph.storeys import storeys
 from semloc_core.text import short_repr
-from semloc_core.wire import Object, Place, Position
+from semloc_core.wire import NAMELESS, Object, Place, Position
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -38,6 +40,8 @@ class GraphArrays:
         object_classes: (O,) int64, index into the labelspace; -1 is a class the labelspace does not have.
         object_parents: (2, K) int64, object index over place index, one column for each object–place edge.
         sightings: (2, S) int64, place index over object index; an object that is here is seen from these only.
+        object_labels: (O, C + 1) float64, probability of each object to be of each class, in the last column of having
+            no name (`label_table`); None where each is of its class.
 
     """
 
@@ -50,6 +54,7 @@ class GraphArrays:
     object_classes: Ints
     object_parents: Ints
     sightings: Ints
+    object_labels: Floats | None = None
 
     def __post_init__(self) -> None:
         p, o = self.n_places, self.n_objects
@@ -64,6 +69,7 @@ class GraphArrays:
             assert links.ndim == 2, links.shape
             assert links.shape[0] == 2, links.shape
             assert links.dtype == np.int64, links.dtype
+        assert self.object_labels is None or len(self.object_labels) == o, len(self.object_labels)
 
     @property
     def n_places(self) -> int:
@@ -96,6 +102,7 @@ class GraphArrays:
             object_classes=self.object_classes[keep],
             object_parents=np.stack([new_index[parents[0]], parents[1]]).astype(np.int64),
             sightings=np.stack([sightings[0], new_index[sightings[1]]]).astype(np.int64),
+            object_labels=None if self.object_labels is None else self.object_labels[keep],
         )
 
     @classmethod
@@ -127,32 +134,61 @@ class GraphArrays:
             object_classes=np.array([labelspace.index(graph.objects[o].class_) for o in object_ids], dtype=np.int64),
             object_parents=_columns(parents),
             sightings=_columns(sightings),
+            object_labels=label_table([graph.objects[o] for o in object_ids], labelspace),
         )
 
     def to_scene_graph(self, labelspace: Labelspace) -> SceneGraph:
         """The same building as an online graph, to be fed as a stream or queried place by place.
 
         Args:
-            labelspace: the one the arrays were made with. Objects of class -1 get a name that it does not have.
-                Sizes of objects are not known here, and None.
+            labelspace: the one the arrays were made with. Objects of class -1 get a name that it does not have, or
+                none where they have none. Sizes of objects are not known here, and None.
 
         """
-        unknown = "unknown"
-        while labelspace.index(unknown) >= 0:
-            unknown += "?"
-        names = (*labelspace.classes, unknown)  # index -1 is the last
+        foreign = "other"
+        while labelspace.index(foreign) >= 0:
+            foreign += "?"
+        names = (*labelspace.classes, foreign)  # index -1 is the last
+        classes = [names[c] for c in self.object_classes.tolist()]
+        labels: list[dict[str, float] | None] = [None] * self.n_objects
+        if self.object_labels is not None:
+            told = [_labels(row, names) for row in self.object_labels]
+            nameless = (self.object_labels[:, -1] >= 1).tolist()
+            classes = [NAMELESS if without else name for without, name in zip(nameless, classes, strict=True)]
+            labels = [each if each and each != {name: 1.0} else None for each, name in zip(told, classes, strict=True)]
         places, objects = self.place_ids, self.object_ids
         edges = [(places[a], places[b]) for a, b in self.place_edges.T.tolist()]
         links = [(places[p], objects[o]) for o, p in self.object_parents.T.tolist()]
         return SceneGraph.of(
             [Place(i, _point(x)) for i, x in zip(places, self.place_positions, strict=True)],
             [
-                Object(i, names[c], _point(x))
-                for i, c, x in zip(objects, self.object_classes.tolist(), self.object_positions, strict=True)
+                Object(i, name, _point(x), labels=its)
+                for i, name, x, its in zip(objects, classes, self.object_positions, labels, strict=True)
             ],
             edges + links,
             [(places[p], objects[o]) for p, o in self.sightings.T.tolist()],
         )
+
+
+def label_table(items: Sequence[Object], labelspace: Labelspace) -> Floats | None:
+    """(n, C + 1) what each object may be, in the last column of having no name; None where each is of its class.
+
+    Classes that the labelspace lacks are none of those that it has.
+    """
+    if not any(item.labels or is_nameless(item.class_) for item in items):
+        return None
+    table = np.zeros((len(items), len(labelspace.classes) + 1))
+    for row, item in zip(table, items, strict=True):
+        labels = item.labels or ({} if is_nameless(item.class_) else {item.class_: 1.0})
+        for name, p in labels.items():
+            if (class_ := labelspace.index(name)) >= 0:
+                row[class_] += p
+        row[-1] = max(1.0 - math.fsum(labels.values()), 0.0)
+    return table
+
+
+def _labels(row: Floats, names: Sequence[str]) -> dict[str, float]:
+    return {names[c]: float(row[c]) for c in np.flatnonzero(row[:-1]).tolist()}
 
 
 def _point(row: Floats) -> Position:

@@ -11,12 +11,13 @@ if TYPE_CHECKING:
     from semloc_core.training.loop import Report, TrainResult, train
     from semloc_core.training.losses import infonce
     from semloc_core.training.split import PARTS, Part, Split, positive_pairs, split_places
+    from semloc_core.training.validation import honest_temperature
     from semloc_core.training.views.perturb import displace_objects, mislabel_objects, perturb
 else:
     __getattr__ = exports(__name__)
 
 __all__ = [
     "DEFAULT_ENCODER", "PARTS", "PERTURBATIONS", "Part", "PerturbConfig", "Report", "Split", "TrainConfig",
-    "TrainResult", "displace_objects", "infonce", "mislabel_objects", "own_validation", "perturb", "plot_curve",
-    "positive_pairs", "split_places", "train", "train_config",
+    "TrainResult", "displace_objects", "honest_temperature", "infonce", "mislabel_objects", "own_validation",
+    "perturb", "plot_curve", "positive_pairs", "split_places", "train", "train_config",
 ]  # fmt: skip

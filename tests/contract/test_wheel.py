@@ -58,3 +58,25 @@ def test_it_runs_away_from_the_clone(wheel, tmp_path) -> None:
         found = subprocess.run([sys.executable, *words], cwd=tmp_path, env=away, capture_output=True, text=True)
         assert found.returncode == 0, found.stderr
         assert words[0] == "-m" or found.stdout.startswith(str(tmp_path)), found.stdout
+
+
+@pytest.mark.parametrize(("package", "words"), [("typer", ()), ("scipy", ("world", "office", "-o", "office.json"))])
+def test_a_package_that_is_not_installed_is_named_in_a_line(tmp_path, package, words) -> None:
+    """As where semloc was installed without the extra that a command needs."""
+    program = (
+        "import sys\n"
+        "class Absent:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        f"        if name.split('.')[0] == {package!r}:\n"
+        "            raise ModuleNotFoundError(f'No module named {name}', name=name)\n"
+        "sys.meta_path.insert(0, Absent())\n"
+        f"sys.argv = ['semloc', *{words!r}]\n"
+        "from semloc_core.__main__ import command\n"
+        "command()\n"
+    )
+    away = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=away, capture_output=True, text=True)
+    assert done.returncode == 2, done.stderr
+    assert done.stderr == (
+        f"semloc: expected the package {package!r} (got none: pip install 'semloc[tools]' has all that commands need)\n"
+    )

@@ -8,7 +8,14 @@ import pytest
 from semloc_core.encoding.encoder import build_encoder
 from semloc_core.encoding.model import Model
 from semloc_core.errors import FileFormatError
-from semloc_core.evaluate.relocalise import evaluate_relocalise, fitted, make_arena, read_buildings, relabelled
+from semloc_core.evaluate.relocalise import (
+    evaluate_relocalise,
+    fitted,
+    judge_layout,
+    make_arena,
+    read_buildings,
+    relabelled,
+)
 from semloc_core.graph.labels.labelspace import Labelspace, load_synonyms
 from semloc_core.metrics.rows import Row
 from semloc_core.sources.world import KINDS, World, draw_pair, write_world
@@ -139,3 +146,23 @@ def test_a_detector_of_other_names_is_led_back_by_the_cross_walk(tmp_path) -> No
             total, same = total + 1, same + (found == thing.class_)
     assert total > 10
     assert same >= 0.9 * total
+
+
+@pytest.mark.parametrize("table", ["coco_by_nyu40", "coco_by_mpcat40", "coco_by_scannet20"])
+def test_names_for_the_rest_and_no_names_place_a_robot_as_its_own_names_do(tmp_path, table) -> None:
+    """Most of what tells this home apart is `otherprop`, `objects` or without a name to that detector."""
+    world, second = draw_pair(KINDS["home"], np.random.default_rng(7))
+    (tmp_path / "home").mkdir()
+    for one, name in ((world, "map"), (second, "query")):
+        write_world(tmp_path / "home" / f"{name}.json", one)
+    (before,) = read_buildings(tmp_path)
+    (after,) = relabelled([before], load_synonyms(Path(__file__).parent / f"{table}.yaml"))
+    space = before.map.labelspace
+    shares = []
+    for building in (before, after):
+        arena = make_arena([building], space)
+        rows = judge_layout("rings", fitted("rings", arena), arena, 4.0, 0)
+        shares.append(float(rows[0]["success@1"] or 0))
+    assert shares[1] >= shares[0] - 0.03
+    seen = [thing for thing in after.query.graph.objects.values() if thing.labels or thing.class_ == "unknown"]
+    assert len(seen) > 0.3 * len(after.query.graph.objects)

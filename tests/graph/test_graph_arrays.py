@@ -112,3 +112,35 @@ def test_a_class_that_nobody_knows_stays_so() -> None:
     graph = arrays().to_scene_graph(space)
     assert graph.objects["a"].class_ == "couch"
     assert GraphArrays.from_scene_graph(graph, space).object_classes.tolist() == [1, 0, -1]
+
+
+def test_what_objects_may_be_is_kept_and_comes_back() -> None:
+    things = [
+        Object("a", "couch", (0.0,) * 3, labels={"couch": 0.5, "chair": 0.25, "unheard-of": 0.25}),
+        Object("b", "unknown", (1.0,) * 3),
+        Object("c", "box", (2.0,) * 3, labels={"box": 0.25, "chair": 0.25}),
+        Object("d", "box", (3.0,) * 3),
+        Object("e", "unheard-of", (4.0,) * 3),
+    ]
+    a = GraphArrays.from_scene_graph(SceneGraph.of([], things, []), LABELS)
+    assert a.object_labels is not None
+    assert a.object_labels.tolist() == [
+        [0.25, 0.5, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0],
+        [0.25, 0.0, 0.25, 0.5],
+        [0.0, 0.0, 1.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0],
+    ]
+    assert a.object_classes.tolist() == [1, -1, 2, 2, -1]
+    back = a.to_scene_graph(LABELS).objects
+    assert [(back[i].class_, back[i].labels) for i in "abcde"] == [
+        ("couch", {"chair": 0.25, "couch": 0.5}),
+        ("unknown", None),
+        ("box", {"chair": 0.25, "box": 0.25}),
+        ("box", None),
+        ("other", None),
+    ]
+    some = a.with_objects(np.array([True, False, False, True, False]))
+    assert some.object_labels is not None
+    assert some.object_labels.tolist() == [[0.25, 0.5, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
+    assert arrays().object_labels is None, "each is of its class"

@@ -141,12 +141,12 @@ def online(
         float, typer.Option(min=0.0, max=1.0, help="· the share that was moved, by about 3 m an axis.")
     ] = 0.2,
     query_labels: Annotated[
-        Path | None,
+        list[Path] | None,
         typer.Option(
             "--query-labels",
             metavar="FILE",
-            help="Queries by a detector of other names, led back by the cross-walk: {synonyms: {couch: sofa, cup: "
-            "unknown}}, the map's name first.",
+            help="Asked again by a detector of other names, led back by the cross-walk: {synonyms: {couch: sofa, cup: "
+            "unknown}}, the map's name first; several times.",
         ),
     ] = None,
     long: Annotated[
@@ -176,13 +176,13 @@ def online(
         drift=drift,
     )
     day = AnotherDay(mislabelled=mislabelled, gone=gone, moved=moved)
-    cases: list[tuple[str, list[Path], AnotherDay | None]] = [("as mapped", [], None)]
-    cases += [("with distractors", distractors, None)] if distractors else []
-    cases += [("changed", [], day)] if changed else []
+    cases: list[tuple[str, list[Path], AnotherDay | None, dict[str, str] | None]] = [("as mapped", [], None, None)]
+    cases += [("with distractors", distractors, None, None)] if distractors else []
+    cases += [("changed", [], day, None)] if changed else []
+    cases += [(f"asked by {table.name}", [], None, load_synonyms(table)) for table in query_labels or []]
     every: list[Row] = []
-    renamed = load_synonyms(query_labels) if query_labels is not None else None
     models = [Model.load(m) for m in model or []]
-    for case, others, another_day in cases:
+    for case, others, another_day, renamed in cases:
         with progress("evaluating") as bar:
             rows = evaluate_online(
                 root,
@@ -209,7 +209,7 @@ def online(
             )
             for pivot in online_pivots(rows):
                 print_pivot(pivot, console)
-    inputs = [root, *(distractors or [])]
+    inputs = [root, *(distractors or []), *(query_labels or [])]
     if long:
         show("evaluate online", seed, inputs, every, json_file, title=str(root))
     elif json_file is not None:

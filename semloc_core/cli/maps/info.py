@@ -159,7 +159,7 @@ def _good_for(map_: ReadableMap, model: str) -> tuple[list[str], list[Row]]:
     else:
         nine = f"{most} tell nine in ten" if most is not None else f"{MOST_SEEN} do not tell nine in ten"
         said.append(
-            f"Needs: the classes of the {many(half, 'nearest object')} tell half of the places from all others, "
+            f"Needs: {_classes_of(half)} half of the places from all others, "
             f"{nine}; fewer are enough where distances tell, more are needed where objects moved."
         )
     near = np.split(found.near, np.cumsum([len(part.ids) for part in parts])[:-1])
@@ -176,6 +176,14 @@ def _good_for(map_: ReadableMap, model: str) -> tuple[list[str], list[Row]]:
         )
     rows.append({"method": model, "scope": "all", "objects_needed_p50": half, "objects_needed_p90": most})
     return said, rows
+
+
+def _classes_of(nearest: int) -> str:
+    return (
+        "the class of the nearest object tells"
+        if nearest == 1
+        else f"the classes of the {nearest} nearest objects tell"
+    )
 
 
 def _facts(place: str) -> dict[str, Any]:

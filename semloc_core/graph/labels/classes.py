@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from semloc_core.graph.labels.files import shipped_labelspaces
-from semloc_core.graph.labels.label_sets import CrossWalk
+from semloc_core.graph.labels.label_sets import REMEMBERED, CrossWalk
 from semloc_core.graph.labels.labelspace import (
     Labelspace,
     folded,
@@ -41,6 +41,8 @@ AUTO = "auto"
 """What stands in place of a synonym file for the shipped cross-walk of label sets."""
 NAMED = 12
 """Labels named at most in a line."""
+ALTERNATIVES = 3
+"""Classes named at most for one label."""
 
 
 @short_repr
@@ -56,6 +58,8 @@ class Reading:
         shipped: ``said`` is one that semloc ships: it was not written for the file at hand. Its numbers overrule the
             file's names only where its numbering is the file's, as far as names that both have tell.
         auto: names that are not known are looked for in the cross-walk of label sets (`label_sets.yaml`).
+        often: how often the map has each class. With it a name that may be any of several classes is read as all of
+            them, by how often they are; without, it is of no class.
 
     Raises:
         LabelspaceError: a synonym of a class that the map or model does not have.
@@ -67,6 +71,7 @@ class Reading:
     known: Labelspace | None = None
     shipped: bool = False
     auto: bool = False
+    often: Mapping[str, float] | None = None
     topic: str | None = None
     robot: str | None = None
 
@@ -92,9 +97,9 @@ class Reading:
         found = cls(said, joined, shipped=shipped, auto=auto, topic=topic, robot=robot)
         return found if known is None else found.with_known(known)
 
-    def with_known(self, known: Labelspace) -> Reading:
-        """The same for a map or model of this labelspace."""
-        found = replace(self, known=known)
+    def with_known(self, known: Labelspace, often: Mapping[str, float] | None = None) -> Reading:
+        """The same for a map or model of this labelspace, and for a map's own counts of its classes."""
+        found = replace(self, known=known, often=often)
         _ = found.space  # a synonym of no class is refused at once
         return found
 
@@ -155,6 +160,7 @@ class Labels:
         self._overruled: dict[str, str] = {}
         self._kept = False
         self._walked: dict[str, str] = {}
+        self._several: dict[str, dict[str, float]] = {}
 
     def number(self, number: int, own: str | None = None) -> str:
         """The class of an integer label; ``own`` is the name that the file gives it at one object, else as always."""
@@ -207,9 +213,7 @@ class Labels:
         return update if things is None else msgspec.structs.replace(update, objects=things)
 
     def _things(self, things: Collection[Object]) -> list[Object] | None:
-        read = [
-            (self.name(t.class_), None) if t.labels is None else self._likeliest(t.class_, t.labels) for t in things
-        ]
+        read = [self._likeliest(thing.class_, thing.labels) for thing in things]
         if all(one == (thing.class_, thing.labels) for one, thing in zip(read, things, strict=True)):
             return None
         return [
@@ -217,19 +221,37 @@ class Labels:
             for (name, labels), thing in zip(read, things, strict=True)
         ]
 
-    def _likeliest(self, class_: str, labels: Mapping[str, float]) -> tuple[str, dict[str, float] | None]:
+    def _likeliest(self, class_: str, labels: Mapping[str, float] | None) -> tuple[str, Mapping[str, float] | None]:
         """What an object most likely is, and all it may be: what becomes one class adds up, no name is the rest."""
+        own = self.name(class_)
+        if labels is None:
+            if not (several := self._mixture(own)):
+                return own, None
+            return next(iter(several)), several
         shares: dict[str, list[float]] = {}
         for label, p in labels.items():
             if not is_nameless(name := self.name(label)):
-                shares.setdefault(name, []).append(p)
-        own = self.name(class_)
+                for each, share in (self._mixture(name) or {name: 1.0}).items():
+                    shares.setdefault(each, []).append(p * share)
         if not shares:
             return own, None
         found = {name: min(math.fsum(p), 1.0) for name, p in shares.items()}
         # Of equals, as the wire writes them, the object's own class stays; else the first by name.
         best = min(found, key=lambda name: (-round(found[name], DECIMALS), name != own, name))
         return best, found
+
+    def _mixture(self, name: str) -> Mapping[str, float]:
+        """What a name may be any of, by how often the map has each, the likeliest first; empty for one class."""
+        often, walk = self.reading.often, self.reading._walk
+        if often is None or walk is None or self.reading.space is None or self.reading.space.index(name) >= 0:
+            return {}
+        if name not in self._several:
+            counts = {each: often[each] for each in walk.among(name) if often.get(each, 0) > 0}
+            total = math.fsum(counts.values())
+            if len(self._several) >= REMEMBERED:
+                self._several.clear()
+            self._several[name] = {each: counts[each] / total for each in sorted(counts, key=lambda c: (-counts[c], c))}
+        return self._several[name]
 
     def told(self) -> list[str]:
         """A line for each thing that had to be decided; none where the labels themselves said all."""
@@ -240,6 +262,9 @@ class Labels:
         if self._walked and space is not None:
             pairs = [f"{own} → {name}" for own, name in sorted(self._walked.items())]
             lines.append(f"names of another label set, read as labelspace {space.name} has them: {_few(pairs)}")
+        if several := {own: list(classes) for own, classes in sorted(self._several.items()) if classes}:
+            pairs = [f"{own} → {_few(classes, ALTERNATIVES, ' or ')}" for own, classes in several.items()]
+            lines.append(f"names that may be any of several classes, by how often the map has each: {_few(pairs)}")
         if self._overruled and said is not None:
             pairs = [f"{own} → {name}" for own, name in sorted(self._overruled.items())]
             lines.append(f"--labelspace {said.name} overrules the file's own names: {_few(pairs)}")
@@ -288,6 +313,6 @@ def _of_another_numbering(said: Labelspace, names: Mapping[int, str]) -> bool:
     return sum(said.name_of(i) != name for i, name in shared) > len(shared) / 2
 
 
-def _few(words: list[str]) -> str:
-    more = f" and {len(words) - NAMED} more" if len(words) > NAMED else ""
-    return ", ".join(words[:NAMED]) + more
+def _few(words: list[str], most: int = NAMED, joint: str = ", ") -> str:
+    more = f" and {len(words) - most} more" if len(words) > most else ""
+    return joint.join(words[:most]) + more

@@ -205,7 +205,10 @@ def perfect(fragment: Fragment, mapped: MappedLayout) -> float:
     config = mapped.config
     odds = config.detected / (2 * np.pi * config.spread_m**2) / mapped.invented[fragment.classes]
     if fragment.likely is not None:
-        odds = odds * mapped.weights(fragment.likely)[np.arange(len(odds)), fragment.classes]
+        weights = mapped.weights(fragment.likely)
+        each = odds * weights[np.arange(len(odds)), fragment.classes]
+        best = (weights / mapped.invented).max(axis=1) * config.detected / (2 * np.pi * config.spread_m**2)
+        odds = np.where(fragment.classes >= 0, each, best)
     return float(np.log1p(odds).sum())
 
 

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, SceneGraph
+from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, SceneGraph, label_table
 from semloc_core.matching.layout.config import LayoutConfig
 from semloc_core.text import short_repr
-from semloc_core.wire import Object
 
 CELL_M = 0.8
 """Places are thinned to one a cell of this size, so that a mapper that lays them closer has no louder voice."""
+SURE = 0.5
+"""Share of its class in all that an object may be, from which on it proposes places by it."""
 _MOST_CELLS = 2.0**17
 
 
@@ -26,14 +26,14 @@ class Fragment:
 
     Args:
         objects: (n, 3) float64, metres; nearest first.
-        classes: (n,) int64 indices into the labelspace.
+        classes: (n,) int64 indices into the labelspace; -1 for an object without a name.
         object_ids: n ids.
         places: (k, 3) float64, metres; one a cell of `CELL_M`.
         origin: (3,) where the place is in the robot's frame, metres.
         ages: (n,) metres walked since each object last changed.
         drift: how much the robot's frame drifts (`graph.changes.drift.DriftMeter`); None where that is not known.
         likely: (n, C + 1) probability of each object to be of each class, in the last column of having no name; None
-            where each is of its class.
+            where each is of its class for sure.
 
     """
 
@@ -53,9 +53,19 @@ class Fragment:
         assert self.ages.shape == (n,), self.ages.shape
         assert self.places.ndim == 2, self.places.shape
 
+    def sure(self) -> Fragment:
+        """The same with only the objects that are of their class rather than of any other."""
+        if self.likely is None:
+            return self
+        named = self.likely[:, :-1]
+        own = named[np.arange(len(named)), self.classes]
+        return self._only((self.classes >= 0) & (own >= SURE * named.sum(axis=1)))
+
     def without(self, class_: int) -> Fragment:
         """The same with no object of a class seen."""
-        stays = self.classes != class_
+        return self._only(self.classes != class_)
+
+    def _only(self, stays: NDArray[np.bool_]) -> Fragment:
         ids = tuple(id_ for id_, kept in zip(self.object_ids, stays.tolist(), strict=True) if kept)
         return replace(
             self,
@@ -75,7 +85,7 @@ def fragment_of_graph(
     age: Callable[[str], float] | None = None,
     drift: float | None = None,
 ) -> Fragment:
-    """The surroundings of a place of a live graph; objects of classes that the labelspace lacks are left out.
+    """The surroundings of a place of a live graph; objects of names that the labelspace lacks are left out.
 
     Args:
         graph: what the robot knows.
@@ -99,7 +109,7 @@ def fragment_of_graph(
     classes = np.array([labelspace.index(item.class_) for item in items], dtype=np.int64)
     origin = np.array(graph.places[place], dtype=np.float64)
     ages = np.zeros(len(beside)) if age is None else np.array([age(key) for key in beside], dtype=np.float64)
-    likely = _likely(items, labelspace)
+    likely = label_table(items, labelspace)
     return _around(origin, objects, classes, beside, graph.index.positions, config, ages, drift, likely)
 
 
@@ -109,21 +119,7 @@ def fragment_of_arrays(
     """The same of a frozen graph and the index of one of its places; ``ages`` (O,) of its objects, None for all new."""
     origin, ages = graph.place_positions[place], np.zeros(graph.n_objects) if ages is None else ages
     positions, classes, ids = graph.object_positions, graph.object_classes, graph.object_ids
-    return _around(origin, positions, classes, ids, graph.place_positions, config, ages, drift)
-
-
-def _likely(items: list[Object], labelspace: Labelspace) -> Floats | None:
-    """What each object may be; classes that the labelspace lacks are none of those that it has."""
-    if not any(item.labels for item in items):
-        return None
-    likely = np.zeros((len(items), len(labelspace.classes) + 1))
-    for row, item in zip(likely, items, strict=True):
-        labels = item.labels or {item.class_: 1.0}
-        for name, p in labels.items():
-            if (class_ := labelspace.index(name)) >= 0:
-                row[class_] += p
-        row[-1] = max(1.0 - math.fsum(labels.values()), 0.0)
-    return likely
+    return _around(origin, positions, classes, ids, graph.place_positions, config, ages, drift, graph.object_labels)
 
 
 def near(offsets: Floats, config: LayoutConfig) -> NDArray[np.bool_]:
@@ -169,7 +165,9 @@ def _around(
     likely: Floats | None = None,
 ) -> Fragment:
     offsets = objects - origin
-    chosen = np.flatnonzero(near(offsets, config) & (classes >= 0))
+    # An object without a name may be anything.
+    told = classes >= 0 if likely is None else (likely[:, :-1] > 0).any(axis=1) | (likely[:, -1] >= 1)
+    chosen = np.flatnonzero(near(offsets, config) & told)
     # Distances are rounded before they are compared: the order must not hang on a last bit.
     metres = np.round(np.linalg.norm(offsets[chosen], axis=1), 6)
     chosen = chosen[np.argsort(metres, kind="stable")[: config.most_objects]]

@@ -85,14 +85,16 @@ class MappedLayout:
         """(n, C) what the odds of an object to be a mapped one of each class are to be multiplied by.
 
         What an object is said to be, p(c), speaks for c by p(c) / frequency(c), and `odds` have the frequency in them.
-        What has no name may be anything, by its frequency; only classes that an object is said to be are looked at.
+        What has no name may be anything, by its frequency; of an object that has one, only classes that it is said to
+        be are looked at.
 
         Args:
             likely: (n, C + 1) as a fragment's.
 
         """
         named = likely[:, :-1]
-        found: Floats = np.where(named > 0, named + likely[:, -1:] * self.invented / self.config.invented, 0.0)
+        meant = (named > 0) | ~(named > 0).any(axis=1, keepdims=True)
+        found: Floats = np.where(meant, named + likely[:, -1:] * self.invented / self.config.invented, 0.0)
         return found
 
     def kinds(self, classes: Ints) -> tuple[Ints32, Ints32]:

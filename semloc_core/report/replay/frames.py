@@ -237,7 +237,10 @@ def weigh(frame: Frame, located: Located, buildings: Buildings) -> None:
     """Take the test apart at each candidate of a frame; `located` is the core's answer to the same update."""
     if located.evidence is None:
         return
-    seen, names = located.evidence.fragment, located.map.model.labelspace.classes
+    seen, names = (
+        located.evidence.fragment,
+        (*located.map.model.labelspace.classes, wire.NAMELESS),
+    )  # index -1 is the last
     at = seen.objects + seen.origin
     order = sorted(range(len(seen.object_ids)), key=lambda i: seen.object_ids[i])
     same = [id_ for id_, _, _ in frame.seen] == [seen.object_ids[i] for i in order]

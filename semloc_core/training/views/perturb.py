@@ -100,7 +100,7 @@ def mislabel_objects(graph: GraphArrays, n_classes: int, wrong: Bools, rng: np.r
             others[classes[o] if classes[o] >= 0 else slice(0, 0)] = 0
         if others.any():
             classes[o] = rng.choice(n_classes, p=others / others.sum())
-    return replace(graph, object_classes=classes)
+    return replace(graph, object_classes=classes, object_labels=None)
 
 
 def add_false_objects(graph: GraphArrays, n: int, rng: np.random.Generator) -> GraphArrays:
@@ -122,6 +122,7 @@ def add_false_objects(graph: GraphArrays, n: int, rng: np.random.Generator) -> G
             object_ids=graph.object_ids + tuple(ids),
             object_positions=np.concatenate([graph.object_positions, positions]),
             object_classes=np.concatenate([graph.object_classes, rng.choice(present, n)]),
+            object_labels=None,
             object_parents=np.concatenate([graph.object_parents, np.stack([which, place])], axis=1),
         )
     )

@@ -42,7 +42,7 @@ def redecorate(graph: GraphArrays, others: Sequence[GraphArrays], rng: np.random
         classes = rng.choice(mix if len(mix) else classes, n)
     none = np.zeros((2, 0), dtype=np.int64)
     if rng.random() >= MOVED:
-        return replace(graph, object_classes=classes, sightings=none)
+        return replace(graph, object_classes=classes, object_labels=None, sightings=none)
     positions = graph.place_positions[rng.integers(graph.n_places, size=n)].copy()
     positions[:, :2] += rng.normal(0.0, SPREAD_M, (n, 2))
     positions[:, 2] = rng.permutation(graph.object_positions[:, 2])
@@ -50,4 +50,11 @@ def redecorate(graph: GraphArrays, others: Sequence[GraphArrays], rng: np.random
     positions[beside, :2] = positions[rng.integers(n, size=len(beside)), :2]
     positions[beside, :2] += rng.normal(0.0, GROUP_SPREAD_M, (len(beside), 2))
     parents = nearest_parents(positions, graph.place_positions, np.arange(n))
-    return replace(graph, object_classes=classes, object_positions=positions, object_parents=parents, sightings=none)
+    return replace(
+        graph,
+        object_classes=classes,
+        object_labels=None,
+        object_positions=positions,
+        object_parents=parents,
+        sightings=none,
+    )

@@ -214,3 +214,36 @@ def test_one_pair_of_objects_does_not_buy_an_exact_pose():
     wide = np.log1p(CONFIG.detected / (2 * np.pi * CONFIG.spread_m**2) / layout(graph).invented[:2]).sum()
     exact = 2 * np.log((1 - FARTHER) / NARROWER[-1] ** 2) + 3 * np.log(NARROWER[-1])
     assert wide <= fitted.explained.sum() < wide + exact + 0.5
+
+
+def test_an_object_without_a_name_may_be_anything_and_proposes_nothing():
+    """Its odds are those of a detector that names nothing: the map's density over that of all that is invented."""
+    graph = building([[3.0, 0, 0], [0, 2.0, 0]], [1, 0], [[0, 0, 0], [1, 0, 0]])
+    mapped, space = layout(graph), Labelspace("s", ("chair", "couch", "bed"))
+
+    def fitted(class_):
+        seen = SceneGraph.of([Place("p0", (0.0,) * 3)], [Object("o", class_, (3.0, 0.0, 0.0))], [("p0", "o")])
+        fragment = fragment_of_graph(seen, space, "p0", CONFIG)
+        return fragment, align(mapped, fragment, np.array([0]), np.array([0.0])) if len(fragment.classes) else None
+
+    fragment, named = fitted("unknown")
+    there = CONFIG.detected / (2 * np.pi * CONFIG.spread_m**2)
+    assert named.explained[0] == pytest.approx(np.log1p(there / CONFIG.invented), rel=1e-6)
+    assert perfect(fragment, mapped) == pytest.approx(named.explained.sum())
+    assert fragment.classes.tolist() == [-1]
+    assert not len(fragment.sure().classes)
+    assert fitted("zeppelin")[1] is None, "a name that the map lacks is of none of its classes"
+    assert fitted("couch")[1].explained[0] > named.explained[0]
+
+
+def test_what_each_object_may_be_gives_the_same_where_it_is_one_class_for_sure(homes):
+    mapped = layout(homes[0][0], len(homes[2]))
+    fragment = fragment_of_arrays(homes[1][0], 5, CONFIG)
+    one = np.eye(len(homes[2]) + 1)[fragment.classes]
+    rows = np.arange(0, homes[0][0].n_places, 9)
+    heading = np.zeros(len(rows))
+    found = [align(mapped, each, rows, heading) for each in (fragment, replace(fragment, likely=one))]
+    np.testing.assert_allclose(found[1].explained, found[0].explained, atol=1e-9)
+    np.testing.assert_allclose(found[1].heading, found[0].heading, atol=1e-9)
+    votes = [heading_scores(mapped, each, rows) for each in (fragment, replace(fragment, likely=one))]
+    np.testing.assert_allclose(votes[1], votes[0], rtol=1e-5)

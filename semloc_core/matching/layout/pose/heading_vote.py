@@ -43,9 +43,12 @@ def heading_scores(mapped: MappedLayout, fragment: Fragment, candidates: Ints) -
         candidates: (K,) rows of the map.
 
     """
-    voters = np.argsort(mapped.invented[fragment.classes], kind="stable")[:VOTERS]
+    weights = None if fragment.likely is None else mapped.weights(fragment.likely)
+    # An object that may be of several classes is as rare as the one that has the best odds.
+    rarity = mapped.invented[fragment.classes] if weights is None else 1 / (weights / mapped.invented).max(axis=1)
+    voters = np.argsort(rarity, kind="stable")[:VOTERS]
     k, n = len(candidates), len(voters)
-    pairs = _pairs(mapped, fragment, voters, candidates)
+    pairs = _pairs(mapped, fragment, voters, candidates, None if weights is None else weights[voters])
     # Far from the robot a heading that is off by a few steps misses.
     far = pairs.scale >= np.float32(SHARP)
     sharp, blunt = np.flatnonzero(far), np.flatnonzero(~far)
@@ -117,12 +120,15 @@ class _Pairs:
         votes *= self.odds.take(chosen)
 
 
-def _pairs(mapped: MappedLayout, fragment: Fragment, voters: Ints, candidates: Ints) -> _Pairs:
+def _pairs(mapped: MappedLayout, fragment: Fragment, voters: Ints, candidates: Ints, weights: Floats | None) -> _Pairs:
     config, around = mapped.config, mapped.around
     x, y, up = fragment.objects[voters].T.astype(np.float32)
     metres, bearing = np.sqrt(x * x + y * y), np.arctan2(y, x)
     which, at = around.of_places(candidates)
-    kind, of_class = mapped.kinds(fragment.classes[voters])
+    if weights is None:
+        kind, of_class = mapped.kinds(fragment.classes[voters])
+    else:  # of one kind as it were: whether a voter may be of a mapped one's class is asked of those about as far
+        kind, of_class = np.zeros(len(voters), dtype=np.int32), np.where((weights > 0).any(axis=0), 0, -1)
     there = of_class.take(around.classes.take(at))
     wanted = np.flatnonzero(there >= 0)
     which, at, there = which.take(wanted), at.take(wanted), there.take(wanted)
@@ -134,15 +140,20 @@ def _pairs(mapped: MappedLayout, fragment: Fragment, voters: Ints, candidates: I
     seen, entry = np.divmod(np.flatnonzero(off <= limit + np.float32(0.01)), len(at))
     at = at.take(entry)
     along, above = metres.take(seen) - around.metres.take(at), up.take(seen) - around.up.take(at)
-    close = np.flatnonzero((np.abs(along) <= limit) & (np.abs(above) <= np.float32(NEAR * config.height_spread_m)))
+    near = (np.abs(along) <= limit) & (np.abs(above) <= np.float32(NEAR * config.height_spread_m))
+    weight = None if weights is None else weights[seen, around.classes.take(at)]
+    close = np.flatnonzero(near if weight is None else near & (weight > 0))
     at, entry, seen = at.take(close), entry.take(close), seen.take(close)
     along, above = (
         along.take(close) * np.float32(1 / config.spread_m),
         above.take(close) * np.float32(1 / config.height_spread_m),
     )
+    odds = mapped.odds.take(around.objects.take(at))
+    if weight is not None:
+        odds *= weight.take(close)
     return _Pairs(
         seen * len(candidates) + which.take(entry),
-        mapped.odds.take(around.objects.take(at)).astype(np.float32),
+        odds.astype(np.float32),
         (along * along + above * above) * np.float32(-0.5),
         around.bearing.take(at) - bearing.take(seen),
         metres.take(seen) * around.metres.take(at) * np.float32(4.0 / config.spread_m**2),

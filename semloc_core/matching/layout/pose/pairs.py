@@ -65,26 +65,28 @@ def pairs_at(
 ) -> Pairs:
     """The pairs of a fragment and what is around T places that (T,) turns and shifts bring within ``reach`` metres."""
     config, t, n = mapped.config, len(turn), len(fragment.classes)
-    objects, classes, whose, weight = fragment.objects, fragment.classes, None, None
-    if fragment.likely is not None:  # an object that may be several things is there once as each
+    if fragment.likely is None:
+        weights = None
+        kind, of_class = mapped.kinds(fragment.classes)
+        kinds = of_class[there.classes]
+    else:  # an object may be of several classes: whether it is of a mapped one's is asked of those that are near
         weights = mapped.weights(fragment.likely)
-        whose, classes = np.nonzero(weights)
-        objects, weight = objects[whose], weights[whose, classes]
-    kind, of_class = mapped.kinds(classes)
-    kinds = of_class[there.classes]
+        kind = np.zeros(n, dtype=np.int32)
+        kinds = np.where((weights > 0).any(axis=0), 0, -1)[there.classes]
     wanted = np.flatnonzero(kinds >= 0)
-    x, y, up = np.ascontiguousarray(objects.T)
+    x, y, up = np.ascontiguousarray(fragment.objects.T)
     # One product has all squared distances. Kinds lie far apart along a third axis: pairs are of one kind.
     where = there.seen_from(turn, shift)[wanted]
     a = np.ones((5, len(wanted)))
     a[0], a[1], a[2] = where.real, where.imag, kinds[wanted] * (2 * reach)
     a[3] = (a[:3] ** 2).sum(axis=0)
     b = np.stack([x, y, kind * (2 * reach)])
-    b = np.vstack([-2 * b, np.ones(len(classes)), (b**2).sum(axis=0)])
-    entry, seen = np.divmod(np.flatnonzero(a.T @ b <= reach**2), len(classes))
+    b = np.vstack([-2 * b, np.ones(n), (b**2).sum(axis=0)])
+    entry, seen = np.divmod(np.flatnonzero(a.T @ b <= reach**2), n)
     entry = wanted[entry]
     above = (up[seen] - there.up[entry]) / config.height_spread_m
-    close = np.flatnonzero(np.abs(above) <= FAR)
+    weight = None if weights is None else weights[seen, there.classes[entry]]
+    close = np.flatnonzero((np.abs(above) <= FAR) & (True if weight is None else weight > 0))
     entry, seen, above = entry[close], seen[close], above[close]
     which = there.which[entry]  # in rising order
     number = np.bincount(which, minlength=t)
@@ -93,9 +95,9 @@ def pairs_at(
     peak, rise, of = np.zeros(t * k), np.zeros(t * k), np.full(t * k, t * n)
     peak[at] = mapped.odds[there.objects[entry]] * np.exp(-0.5 * above * above)
     if weight is not None:
-        peak[at] *= weight[seen]
+        peak[at] *= weight[close]
     rise[at] = there.up[entry] - up[seen]
-    of[at] = which * n + (seen if whose is None else whose[seen])
+    of[at] = which * n + seen
     here, offset = (x + 1j * y)[seen], there.offset[entry]
     both = np.conj(here) * offset
     squares = here.real**2 + here.imag**2 + offset.real**2 + offset.imag**2
