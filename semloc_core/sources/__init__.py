@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from semloc_core.sources.bag.reader import BagMessage, BagReader, read_messages
     from semloc_core.sources.bag.typed import DETECTIONS
     from semloc_core.sources.bag.writer import BagWriter
-    from semloc_core.sources.detections.builder import BuilderConfig, GraphBuilder
+    from semloc_core.sources.detections.builder import GraphBuilder
+    from semloc_core.sources.detections.config import BuilderConfig
     from semloc_core.sources.detections.frames import LateError, NoPathError, Rigid
     from semloc_core.sources.detections.grid import Grid
     from semloc_core.sources.detections.nav2 import graph_of as graph_of_grid

@@ -14,7 +14,8 @@ import numpy as np
 from msgspec import Meta
 
 from semloc_core.errors import GraphError, MessageError
-from semloc_core.sources.detections.builder import BuilderConfig, GraphBuilder
+from semloc_core.sources.detections.builder import GraphBuilder
+from semloc_core.sources.detections.config import BuilderConfig
 from semloc_core.sources.detections.frames import IDENTITY, LateError, NoPathError, Rigid
 from semloc_core.sources.detections.grid import Grid
 from semloc_core.sources.detections.things import Detection, View

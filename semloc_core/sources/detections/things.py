@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import numpy as np
+
+from semloc_core.errors import MessageError
 from semloc_core.graph import Floats
 from semloc_core.sources.detections.frames import Rigid
 from semloc_core.text import short_repr
 from semloc_core.wire import NAMELESS, Position
+
+MOST = 1000
+"""Detections in a view at most: what a view costs grows with their square."""
+FARTHEST = 1e9
+SLACK = 1e-6
+"""Scores that were float32 may be so much above 1."""
+SAME_M = 0.1
+OVERLAP = 0.5
+"""Boxes that have so much of both in common are of one thing."""
 
 
 @short_repr
@@ -69,6 +80,21 @@ class Thing:
     seen_from: set[str] = field(default_factory=set)
     parent: str = ""
 
+    def take(self, one: Seen, memory: float) -> None:
+        """Fuse a detection that is of it; no more than so many sightings are remembered."""
+        weight = 1.0 / max(one.away, 1.0) ** 2  # stereo's and depth cameras' errors grow with the square
+        part = weight / (self.weight + weight)
+        self.position = self.position + part * (one.position - self.position)
+        self.weight = min(self.weight + weight, memory)
+        if one.size is not None:
+            self.size = one.size if self.size is None else self.size + part * (one.size - self.size)
+        fade = min(1.0, memory / (self.total + 1.0))
+        names = [*self.labels, *(name for name in one.scores if name not in self.labels)]
+        self.labels = {name: fade * (self.labels.get(name, 0.0) + one.scores.get(name, 0.0)) for name in names}
+        self.total = fade * (self.total + 1.0)
+        self.sightings += 1
+        self.missed = 0
+
     def shares(self) -> dict[str, float]:
         """Class -> share of all sightings, 6 decimals; what has no name is the rest."""
         found = {name: round(score / self.total, 6) for name, score in self.labels.items()} if self.total else {}
@@ -89,36 +115,68 @@ class Seen(NamedTuple):
     scores: dict[str, float]
     track: str
     away: float
+    score: float
 
 
-class Cells:
-    """Keys by cell of a metre in the plane."""
+def checked(view: View, min_score: float) -> list[Seen]:
+    """What a view has, in the graph's frame: what scores lower is left out, and what is there twice.
 
-    def __init__(self) -> None:
-        self._cells: dict[tuple[int, int], set[str]] = {}
+    Raises:
+        MessageError: a pose, size or score is none, or there are more than `MOST` detections.
 
-    def put(self, key: str, position: Floats) -> None:
-        """Note where a thing of this key is."""
-        self._cells.setdefault(_cell(position), set()).add(key)
-
-    def drop(self, key: str, position: Floats) -> None:
-        """Forget it there."""
-        row = self._cells[cell := _cell(position)]
-        row.discard(key)
-        if not row:
-            del self._cells[cell]
-
-    def near(self, position: Floats, radius_m: float) -> Iterator[str]:
-        """Keys at most so far away, and some more; in no particular order."""
-        (left, low), (right, high) = _cell(position - radius_m), _cell(position + radius_m)
-        if (right - left + 1) * (high - low + 1) > len(self._cells):
-            for row in self._cells.values():
-                yield from row
-            return
-        for x in range(left, right + 1):
-            for y in range(low, high + 1):
-                yield from self._cells.get((x, y), ())
+    """
+    if len(view.detections) > MOST:
+        raise MessageError(f"expected at most {MOST} detections at once (got {len(view.detections)})")
+    for pose in (view.robot, view.sensor, *(detection.pose for detection in view.detections)):
+        if not ((np.abs(pose.translation) <= FARTHEST).all() and np.isfinite(pose.quaternion).all()):
+            raise MessageError(f"expected a position of at most 10⁹ m and a turn (got {pose})")
+    found = [_seen(view, detection, min_score) for detection in view.detections]
+    return once([one for one in found if one is not None])
 
 
-def _cell(position: Floats) -> tuple[int, int]:
-    return math.floor(position[0]), math.floor(position[1])
+def _seen(view: View, detection: Detection, min_score: float) -> Seen | None:
+    scores = dict(detection.scores)
+    for name, score in scores.items():
+        if not (name and 0.0 <= score <= 1.0 + SLACK):
+            raise MessageError(f"expected class names with scores in 0 … 1 (got {name!r}: {score})")
+    size = detection.size
+    if size is not None and not all(0.0 <= edge <= FARTHEST for edge in size):
+        raise MessageError(f"expected a size of 0 m and more (got {size})")
+    pose = view.sensor @ detection.pose
+    if not (np.abs(pose.translation) <= FARTHEST).all():
+        raise MessageError(f"expected a position of at most 10⁹ m (got {pose.translation.tolist()})")
+    best = max(scores.values(), default=1.0)
+    if best < min_score:
+        return None
+    scores.pop(NAMELESS, None)  # a position without a name, which is what the rest of the scores stands for
+    total = max(sum(scores.values()), 1.0)
+    scores = {name: score / total for name, score in scores.items()}
+    box = np.abs(pose.rotation) @ np.array(size) if size is not None and any(size) else None
+    away = float(np.linalg.norm(pose.translation - view.sensor.translation))
+    return Seen(pose.translation, box, scores, detection.track, away, best)
+
+
+def once(seen: list[Seen]) -> list[Seen]:
+    """Without what a detector says twice of one thing: of boxes that overlap by half only the best scored stays.
+
+    Detectors do so that suppress overlaps class by class, or not at all. What has no box is there twice within
+    `SAME_M`. Things with tracking ids of their own are two.
+    """
+    n = len(seen)
+    if n < 2:
+        return seen
+    at = np.array([one.position for one in seen])
+    half = np.array([np.full(3, SAME_M / 2) if one.size is None else one.size / 2 for one in seen])
+    order = np.lexsort((np.arange(n), -np.array([one.score for one in seen])))
+    stays: list[int] = []
+    for i in order.tolist():
+        if stays:
+            low = np.maximum(at[i] - half[i], at[stays] - half[stays])
+            high = np.minimum(at[i] + half[i], at[stays] + half[stays])
+            common = np.maximum(high - low, 0.0).prod(axis=1)
+            both = (2 * half[i]).prod() + (2 * half[stays]).prod(axis=1) - common
+            alike = common >= OVERLAP * np.maximum(both, 1e-12)
+            if any(not (seen[i].track and seen[stays[k]].track) for k in np.flatnonzero(alike).tolist()):
+                continue
+        stays.append(i)
+    return [seen[i] for i in sorted(stays)]

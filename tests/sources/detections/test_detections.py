@@ -19,7 +19,8 @@ from semloc_core.sources import (
     simulate_detections,
     write_detections,
 )
-from semloc_core.sources.detections.builder import BuilderConfig, GraphBuilder
+from semloc_core.sources.detections.builder import GraphBuilder
+from semloc_core.sources.detections.config import BuilderConfig
 from semloc_core.sources.detections.frames import Frames, LateError, NoPathError, Rigid
 from semloc_core.sources.detections.grid import free_places
 from semloc_core.sources.detections.nav2 import graph_of
