@@ -6,16 +6,14 @@ looked up is looked up in cells of a metre (`cells.py`): what a view costs does 
 
 from __future__ import annotations
 
-import numpy as np
-
-from semloc_core.errors import ConfigError, MessageError
+from semloc_core.errors import ConfigError
 from semloc_core.sources.detections.cells import rounded
 from semloc_core.sources.detections.config import BuilderConfig
 from semloc_core.sources.detections.frames import Rigid
 from semloc_core.sources.detections.grid import Grid
 from semloc_core.sources.detections.objects import Objects
 from semloc_core.sources.detections.places import Places
-from semloc_core.sources.detections.things import FARTHEST, View, checked
+from semloc_core.sources.detections.things import View, check_pose, checked
 from semloc_core.sources.detections.written import Written
 from semloc_core.wire import Odometry, SceneGraphUpdate
 
@@ -52,21 +50,20 @@ class GraphBuilder:
             MessageError: the pose is none.
 
         """
-        if not ((np.abs(robot.translation) <= FARTHEST).all() and np.isfinite(robot.quaternion).all()):
-            raise MessageError(f"expected a position of at most 10⁹ m and a turn (got {robot})")
+        check_pose(robot)
         self._robot, self._stamp_ns = robot, max(stamp_ns, self._stamp_ns)
         self._places.walk(robot.translation)
 
-    def see(self, view: View) -> None:
-        """Take in what a sensor saw, all or nothing.
+    def see(self, *views: View) -> None:
+        """Take in what sensors saw, all or nothing.
 
         Raises:
             MessageError: a pose, size or score is none.
 
         """
-        seen = checked(view, self.config.min_score)
-        self.walk(view.robot, view.stamp_ns)
-        self._objects.see(view, seen)
+        for view, seen in [(view, checked(view, self.config.min_score)) for view in views]:
+            self.walk(view.robot, view.stamp_ns)
+            self._objects.see(view, seen)
 
     def set_grid(self, grid: Grid) -> None:
         """Take an occupancy grid in the graph's frame: places over its free space, in place of the last one's.

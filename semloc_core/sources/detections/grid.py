@@ -23,6 +23,8 @@ NEAREST = 0.6
 """Places that see each other are no nearer than this, in spacings."""
 SPECKLE_M2 = 0.5
 """Free areas below this are stray readings, such as what a laser saw through a window."""
+FARTHEST = 1e9
+"""m; coordinates go no farther anywhere."""
 _SAMPLES = 4_000_000
 
 
@@ -51,6 +53,10 @@ class Grid:
         if not (np.isfinite(self.resolution) and self.resolution > 0 and np.isfinite(self.origin).all()):
             raise GraphError(
                 f"expected a resolution above 0 m and a finite origin (got {self.resolution:g} m at {self.origin})"
+            )
+        if max(*map(abs, self.origin), self.resolution * max(self.cells.shape)) > FARTHEST:
+            raise GraphError(
+                f"expected a grid within 10⁹ m (got {self.cells.shape} cells of {self.resolution:g} m at {self.origin})"
             )
 
     @cached_property

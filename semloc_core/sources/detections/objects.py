@@ -85,9 +85,7 @@ class Objects:
         for i, one in enumerate(seen):
             if matched[i]:
                 continue
-            reach = self._config.association_m + min(FARTHER * one.away, MOST_M)
-            if one.size is not None:
-                reach += min(0.25 * float(one.size.max()), MOST_M)
+            reach = self._reach(one)
             for key in self._cells.near(one.position, reach):
                 if (cost := _unlike(one, self.things[key], reach)) is not None:
                     costs.append((cost, i, key))
@@ -96,6 +94,11 @@ class Objects:
                 matched[i] = key
                 taken.add(key)
         return matched
+
+    def _reach(self, one: Seen) -> float:
+        """How far from an object a detection may be that is of it, m."""
+        large = 0.0 if one.size is None else 0.25 * float(one.size.max())
+        return self._config.association_m + min(FARTHER * one.away, MOST_M) + min(large, MOST_M)
 
     def _add(self, one: Seen) -> Thing:
         thing = Thing(node_id("O", self._count), one.position, one.size, 0.0, {})
@@ -106,6 +109,8 @@ class Objects:
 
     def _fuse(self, thing: Thing, one: Seen) -> None:
         self._cells.drop(thing.key, thing.position)
+        if distance(thing.position, one.position) > self._reach(one):  # a tracking id says that it moved
+            thing.weight = 0.0
         thing.take(one, MEMORY)
         self._cells.put(thing.key, thing.position)
         for name in [name for name, share in thing.labels.items() if share < FAINT * thing.total]:

@@ -167,8 +167,7 @@ class DetectionStream:
         if self._builder is None:
             self._builder = GraphBuilder(self._config, self._graph_frame)
         try:
-            for view in views:
-                self._builder.see(view)
+            self._builder.see(*views)
         except MessageError as error:
             self.passed_over[str(error)] += 1
             return

@@ -11,12 +11,12 @@ import numpy as np
 from semloc_core.errors import MessageError
 from semloc_core.graph import Floats
 from semloc_core.sources.detections.frames import Rigid
+from semloc_core.sources.detections.grid import FARTHEST
 from semloc_core.text import short_repr
 from semloc_core.wire import NAMELESS, Position
 
 MOST = 1000
 """Detections in a view at most: what a view costs grows with their square."""
-FARTHEST = 1e9
 SLACK = 1e-6
 """Scores that were float32 may be so much above 1."""
 SAME_M = 0.1
@@ -128,10 +128,16 @@ def checked(view: View, min_score: float) -> list[Seen]:
     if len(view.detections) > MOST:
         raise MessageError(f"expected at most {MOST} detections at once (got {len(view.detections)})")
     for pose in (view.robot, view.sensor, *(detection.pose for detection in view.detections)):
-        if not ((np.abs(pose.translation) <= FARTHEST).all() and np.isfinite(pose.quaternion).all()):
-            raise MessageError(f"expected a position of at most 10⁹ m and a turn (got {pose})")
+        check_pose(pose)
     found = [_seen(view, detection, min_score) for detection in view.detections]
     return once([one for one in found if one is not None])
+
+
+def check_pose(pose: Rigid) -> None:
+    """Refuse with a `MessageError` what is no pose."""
+    where, turn = pose.translation, pose.quaternion
+    if not ((np.abs(where) <= FARTHEST).all() and np.isfinite(turn).all()):
+        raise MessageError(f"expected a position of at most 10⁹ m and a turn (got {where.tolist()}, {turn.tolist()})")
 
 
 def _seen(view: View, detection: Detection, min_score: float) -> Seen | None:
