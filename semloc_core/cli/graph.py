@@ -13,11 +13,13 @@ from semloc_core.cli.shared.outputs import App, Writes
 from semloc_core.cli.shared.screen import many, note
 from semloc_core.errors import BagError, FileFormatError
 from semloc_core.files import BAG, GRAPH, Output
+from semloc_core.sources import BuilderConfig
 
 if TYPE_CHECKING:
     from semloc_core.graph import SceneGraph
 
 app = App(no_args_is_help=True, help="Make scene graphs of detections, or of a nav2 map and a list of objects.")
+DEFAULTS = BuilderConfig()
 Spacing = Annotated[float, typer.Option("--spacing", min=0.1, max=100.0, help="Distance between places, m.")]
 Radius = Annotated[float, typer.Option("--radius", min=0.01, max=10.0, help="Radius of the robot, m.")]
 
@@ -52,8 +54,8 @@ def from_nav2(
         Path,
         typer.Option("-o", "--output", metavar="GRAPH", parser=Writes(GRAPH), help="Where to write the graph (JSON)."),
     ],
-    spacing: Spacing = 0.6,
-    radius: Radius = 0.25,
+    spacing: Spacing = DEFAULTS.place_spacing_m,
+    radius: Radius = DEFAULTS.robot_radius_m,
 ) -> None:
     """Make a graph of a saved occupancy grid and a list of objects, in the grid's own frame.
 
@@ -95,12 +97,16 @@ def from_detections(
     robot: RobotOption = None,
     frame: Annotated[str, typer.Option(help="Frame of the graph; default: odometry's.")] = "",
     robot_frame: Annotated[str, typer.Option(help="Frame of the robot; default: odometry's child.")] = "",
-    confirm_after: Annotated[int, typer.Option(help="Sightings after which an object counts.")] = 3,
-    forget_after: Annotated[int, typer.Option(help="Looks in a row without it after which an object is gone.")] = 10,
-    min_score: Annotated[float, typer.Option(help="Detections that score lower are left out.")] = 0.3,
-    range_m: Annotated[float, typer.Option("--range", help="How far the detector sees, m.")] = 4.0,
-    spacing: Spacing = 0.6,
-    radius: Radius = 0.25,
+    confirm_after: Annotated[
+        int, typer.Option(help="Sightings after which an object counts.")
+    ] = DEFAULTS.confirm_after,
+    forget_after: Annotated[int, typer.Option(help="Looks in a row without it after which an object is gone.")] = (
+        DEFAULTS.forget_after
+    ),
+    min_score: Annotated[float, typer.Option(help="Detections that score lower are left out.")] = DEFAULTS.min_score,
+    range_m: Annotated[float, typer.Option("--range", help="How far the detector sees, m.")] = DEFAULTS.range_m,
+    spacing: Spacing = DEFAULTS.place_spacing_m,
+    radius: Radius = DEFAULTS.robot_radius_m,
 ) -> None:
     """Make a graph, or a run of updates, of a recorded run of 3D detections and odometry.
 

@@ -1,18 +1,23 @@
-"""How well a robot is found by detections and odometry, beside the same walks as scene graphs of a mapper."""
+"""How well a robot is found by detections and odometry, beside the same walks as scene graphs of a mapper.
+
+A mapper's graph has what is around the robot, cameras have what is before them: what is lost by that is told apart from
+what is lost by detecting.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import FileFormatError
-from semloc_core.graph import Reading, SceneGraph
+from semloc_core.graph import Reading, SceneGraph, UpdateStream
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
 from semloc_core.sources import (
@@ -25,8 +30,11 @@ from semloc_core.sources import (
     write_detections,
     write_run,
 )
+from semloc_core.wire import SceneGraphUpdate
 
-WAYS = ("graphs", "detections")
+WAYS = ("graphs", "graphs, same field of view", "detections")
+"""The mapper's graph, the same without what the cameras never had in sight, and what the detector saw."""
+_SAME_M = 1e-6
 
 
 def evaluate_detections(
@@ -51,13 +59,14 @@ def evaluate_detections(
         progress: called with (done, total, building).
 
     Returns:
-        A row for each way: success@1 within 4 m, and the errors of the poses of right answers.
+        A row for each way: success@1 within 4 m, the objects known when it was asked (mean), and the errors of the
+        poses of right answers.
 
     """
     folders = sorted(path.parent for path in root.glob("*/query.json"))
     if not folders:
         raise FileFormatError(f"expected buildings in {root}: */query.json (got none)")
-    found: dict[str, list[tuple[bool, float]]] = {way: [] for way in WAYS}
+    found: dict[str, list[_Asked]] = {way: [] for way in WAYS}
     reading = Reading().with_known(loaded.model.labelspace)
     with TemporaryDirectory() as scratch:
         for i, folder in enumerate(folders):
@@ -70,33 +79,86 @@ def evaluate_detections(
 
 
 def _runs(scratch: Path, graph: SceneGraph, metres: float, cameras: int, seed: list[int]) -> Iterator[tuple[str, Path]]:
-    """The same walk twice: as what a mapper publishes, and as what a detector sees."""
+    """The same walk as what a mapper publishes, as that of it which cameras had in sight, and as what they detected."""
     step = SimulationConfig.of(distance_m=metres, shared_frame=True)
     write_run(scratch / "graphs.mcap", simulate_traversal(graph, step, np.random.default_rng(seed)))
     yield WAYS[0], scratch / "graphs.mcap"
+    step = SimulationConfig.of(distance_m=metres, shared_frame=True, fresh_ids=False)
+    steps = list(simulate_traversal(graph, step, np.random.default_rng(seed)))
+    seen = in_view(graph, [one.update for one in steps], metres, cameras, seed)
+    write_run(scratch / "seen.mcap", [one._replace(update=without(one.update, seen)) for one in steps])
+    yield WAYS[1], scratch / "seen.mcap"
     config = DetectorConfig.of(distance_m=metres, cameras=cameras)
     write_detections(scratch / "run.mcap", simulate_detections(graph, config, np.random.default_rng(seed)))
-    yield WAYS[1], scratch / "run.mcap"
+    yield WAYS[2], scratch / "run.mcap"
 
 
-def _asked(localiser: Localiser, run: Path, building: str) -> tuple[bool, float]:
-    """Whether the last answer of a run is right, and how far its pose is off, m."""
+def in_view(
+    graph: SceneGraph, updates: Iterable[SceneGraphUpdate], metres: float, cameras: int, seed: list[int]
+) -> set[str]:
+    """Ids of the objects of a mapper's updates that cameras have in sight at all along the walk.
+
+    The updates have the building's own ids. A detector that errs in nothing looks at what the mapper published.
+    """
+    mapper = UpdateStream()
+    for update in updates:
+        mapper.apply(update)
+    known, whole = mapper.graph, graph.to_update(0, 0, "map")
+    assert known is not None
+    things = list(known.objects.values())
+    edges = [edge for edge in whole.edges if not graph.objects.keys() & {*edge}]
+    edges += [(place, thing.id) for thing in things for place in sorted(known.parents[thing.id])]
+    published = SceneGraph.from_update(msgspec.structs.replace(whole, objects=things, edges=edges))
+    faultless = DetectorConfig.of(
+        distance_m=metres, cameras=cameras, miss_rate=0.0, confusion_rate=0.0, false_rate=0.0, depth_noise=0.0
+    )
+    at = np.array([thing.position for thing in things]).reshape(-1, 3)
+    found: set[str] = set()
+    for glance in simulate_detections(published, faultless, np.random.default_rng(seed)):
+        for mount, detections in glance.frames:
+            sensor = glance.odometry @ mount
+            for one in detections:
+                off = np.abs(at - (sensor @ one.pose).translation).max(axis=1)
+                found.update(things[i].id for i in np.flatnonzero(off <= _SAME_M).tolist())
+    return found
+
+
+def without(update: SceneGraphUpdate, seen: set[str]) -> SceneGraphUpdate:
+    """An update of a run in which the objects but some were never there."""
+    objects = [thing for thing in update.objects if thing.id in seen]
+    gone = {thing.id for thing in update.objects} - {thing.id for thing in objects}
+    edges = [edge for edge in update.edges if not gone & {*edge}]
+    return msgspec.structs.replace(update, objects=objects, edges=edges)
+
+
+class _Asked(NamedTuple):
+    """Whether an answer is right, how far its pose is off (m; NaN: none), and how many objects were known."""
+
+    right: bool
+    off: float
+    objects: int
+
+
+def _asked(localiser: Localiser, run: Path, building: str) -> _Asked:
+    """What became of the last answer of a run."""
     for item in read_run(run):
         answer, truth = localiser.update(item.text).matches, item.truth
     best = answer.matches[0] if answer is not None and answer.matches else None
+    known = 0 if localiser.live.graph is None else len(localiser.live.graph.objects)
     if best is None or truth is None or best.map != building:
-        return False, math.nan
+        return _Asked(False, math.nan, known)
     off = math.nan if best.pose is None else math.dist(best.pose.position, truth.position)
-    return math.dist(best.position, truth.position) <= MATCH_RADIUS_M, off
+    return _Asked(math.dist(best.position, truth.position) <= MATCH_RADIUS_M, off, known)
 
 
-def _row(way: str, metres: float, found: list[tuple[bool, float]]) -> dict[str, Any]:
-    off = [metres_off for right, metres_off in found if right and not math.isnan(metres_off)]
+def _row(way: str, metres: float, found: list[_Asked]) -> dict[str, Any]:
+    off = [one.off for one in found if one.right and not math.isnan(one.off)]
     return {
         "method": way,
         "scope": f"{metres:g}m",
         "queries": len(found),
-        "success@1": float(np.mean([right for right, _ in found])),
+        "success@1": float(np.mean([one.right for one in found])),
+        "objects": float(np.mean([one.objects for one in found])),
         "position_error_m": float(np.median(off)) if off else None,
         "position_error_m_p90": float(np.quantile(off, 0.9)) if off else None,
     }

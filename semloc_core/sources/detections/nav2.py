@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -119,19 +120,41 @@ def read_objects(path: str | Path) -> list[tuple[str, Position, Position | None]
         raise FileFormatError(f"expected a list of objects at {path} (got: {one_line(str(error))})") from error
     rows: Any
     if path.suffix.lower() == ".csv":
-        reader = csv.DictReader(io.StringIO(text), skipinitialspace=True)
-        lacking = [key for key, names in _NAMES.items() if not {*names} & {*_lower(reader.fieldnames or ())}]
-        if lacking:
-            got = one_line(", ".join(reader.fieldnames or ()))
-            raise FileFormatError(f"expected a header with class, x, y, z in {path} (got {got or 'none'})")
-        rows = [(f"line {reader.line_num}", row) for row in reader]
+        rows = _rows(path, text)
     else:
         found = _parsed(path, text)
         found = found.get("objects") if isinstance(found, dict) else found
         if not isinstance(found, list):
-            raise FileFormatError(f"expected a list of objects in {path} (got {type(found).__name__})")
+            got = "text; is it CSV? its name then ends in .csv" if isinstance(found, str) else type(found).__name__
+            raise FileFormatError(f"expected a list of objects in {path} (got {got})")
         rows = [(f"object {i + 1}", row) for i, row in enumerate(found)]
     return [_object(row, f"{path}, {where}") for where, row in rows]
+
+
+def _rows(path: Path, text: str) -> list[tuple[str, dict[str, str]]]:
+    """Of a CSV file with a header: where each record is, and its fields."""
+    try:
+        reader = csv.reader(io.StringIO(text), skipinitialspace=True)
+        header = _lower(next(reader, ()))
+        rows = [(f"line {reader.line_num}", row) for row in reader if any(field.strip() for field in row)]
+    except csv.Error as error:
+        raise FileFormatError(f"expected CSV in {path} (got: {one_line(str(error))})") from error
+    if any(not {*names} & {*header} for names in _NAMES.values()):
+        got = one_line(", ".join(header)) or "none"
+        other = next(
+            (name for name, sign in (("semicolons", ";"), ("tabs", "\t")) if sign in got.replace("\\t", "\t")), ""
+        )
+        hint = f"; commas part fields, not {other}, and points decimals" if other else ""
+        raise FileFormatError(f"expected a header with class, x, y, z in {path} (got {got}{hint})")
+    if len({*filter(None, header)}) < len([*filter(None, header)]):
+        raise FileFormatError(f"expected each column once in {path} (got {one_line(', '.join(header))})")
+    for where, row in rows:
+        if len(row) > len(header) and any(field.strip() for field in row[len(header) :]):
+            raise FileFormatError(
+                f"expected {len(header)} fields, as the header has, in {path}, {where} (got {len(row)}; decimals have "
+                "points, names with commas quotes)"
+            )
+    return [(where, dict(zip(header, row, strict=False))) for where, row in rows]
 
 
 def _lower(names: Iterable[Any]) -> list[str]:
@@ -142,9 +165,13 @@ def _object(row: Any, where: str) -> tuple[str, Position, Position | None]:
     if not isinstance(row, Mapping):
         raise FileFormatError(f"expected a record with class, x, y, z in {where} (got {one_line(repr(row))})")
     fields = {str(key).strip().lower(): value for key, value in row.items() if value not in (None, "")}
-    class_ = next((str(fields[name]).strip() for name in _NAMES["class"] if name in fields), "")
+    named = next((fields[name] for name in _NAMES["class"] if name in fields), "")
+    class_ = str(named).strip()
     if not class_:
         raise FileFormatError(f"expected a class in {where} (got none)")
+    if isinstance(named, bool | list | dict) or any(ord(sign) < ord(" ") for sign in class_):
+        hint = "; YAML takes yes and no for truth: quote it" if isinstance(named, bool) else ""
+        raise FileFormatError(f"expected a name for a class in {where} (got {one_line(repr(named))}{hint})")
     position = fields.get("position", [fields.get(axis) for axis in "xyz"])
     size = fields.get("size")
     if size is None:
@@ -152,7 +179,7 @@ def _object(row: Any, where: str) -> tuple[str, Position, Position | None]:
     elif isinstance(size, str):
         size = size.strip("[]() ").replace(",", " ").replace("x", " ").split()
         size = size * 3 if len(size) == 1 else size
-    elif not isinstance(size, list):
+    elif not isinstance(size, list | dict):
         size = [size] * 3
     dimensions = None if size is None else _three(size, where, "a size")
     if dimensions is not None and min(dimensions) < 0:
@@ -161,6 +188,8 @@ def _object(row: Any, where: str) -> tuple[str, Position, Position | None]:
 
 
 def _three(values: Any, where: str, what: str) -> Position:
+    if isinstance(values, dict) and values.keys() == {*"xyz"}:
+        values = [values[axis] for axis in "xyz"]
     if not isinstance(values, list) or len(values) != 3:
         raise FileFormatError(f"expected three numbers for {what} in {where} (got {one_line(repr(values))})")
     a, b, c = (_number(value, where, what) for value in values)
@@ -190,7 +219,8 @@ def _document(path: Path) -> dict[str, Any]:
 
 def _parsed(path: Path, text: str) -> Any:
     try:
-        return yaml.safe_load(text)  # JSON is YAML
+        # JSON is YAML, but for the tabs that it may be laid out with.
+        return json.loads(text) if path.suffix.lower() == ".json" else yaml.safe_load(text)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         raise FileFormatError(f"expected YAML or JSON in {path} (got: {one_line(str(error))})") from error
 

@@ -234,12 +234,43 @@ def test_objects_are_read_from_each_form(tmp_path, name, text):
         ("class,x,y\nchair,1,2\n", "header"),
         ("class,x,y,z\nchair,1,2,high\n", "line 2"),
         ("class,x,y,z\n,1,2,3\n", "class"),
+        ("class;x;y;z\nchair;1,5;2;3\n", "commas part fields, not semicolons"),
+        ("class\tx\ty\tz\nchair\t1\t2\t3\n", "not tabs"),
+        ("class,x,y,z\nchair,1,5,2,3\n", "line 2 .got 5; decimals have points"),
+        ("class,x,x,y,z\nchair,1,2,3,4\n", "each column once"),
+        ('class,x,y,z\n"a\nb",1,2,3\n', "name for a class"),
+        ("class,x,y,z\n" + "a" * 200_000 + ",1,2,3\n", "CSV"),
+        ("class,x,y,z\nchair,1,2\n", "line 2"),
+        ("class,x,y,z\nchair,1,2,inf\n", "number"),
     ],
 )
 def test_a_wrong_list_of_objects_is_said_in_a_line(tmp_path, text, line):
     (tmp_path / "o.csv").write_text(text)
     with pytest.raises(FileFormatError, match=line):
         read_objects(tmp_path / "o.csv")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "line"),
+    [
+        ("o.yaml", "- {class: no, x: 1, y: 2, z: 3}\n", "quote it"),
+        ("o.yaml", "- {class: [a], x: 1, y: 2, z: 3}\n", "name for a class"),
+        ("o.yaml", "!!python/object/apply:os.system ['ls']\n", "YAML or JSON"),
+        ("o.json", '[{"class": "a", "x": NaN, "y": 1, "z": 1}]', "number"),
+        ("o.json", "[" * 5000 + "]" * 5000, "YAML or JSON"),
+        ("o.txt", "class,x,y,z\nchair,1,2,3\n", "ends in .csv"),
+    ],
+)
+def test_a_wrong_record_is_said_in_a_line(tmp_path, name, text, line):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(FileFormatError, match=line):
+        read_objects(tmp_path / name)
+
+
+def test_json_laid_out_with_tabs_and_csv_with_empty_columns_are_read(tmp_path):
+    (tmp_path / "o.json").write_text('[\n\t{"class": "tv", "position": {"x": 3, "y": 4, "z": 1}}\n]')
+    (tmp_path / "o.csv").write_text("class,x,y,z,,\ntv,3,4,1,,\n")
+    assert read_objects(tmp_path / "o.json") == read_objects(tmp_path / "o.csv") == [("tv", (3, 4, 1), None)]
 
 
 def test_objects_hang_on_places_this_side_of_the_wall():
