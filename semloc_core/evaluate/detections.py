@@ -140,10 +140,13 @@ class _Asked(NamedTuple):
 
 
 def _asked(localiser: Localiser, run: Path, building: str) -> _Asked:
-    """What became of the last answer of a run."""
+    """What becomes of the answer at the end of a run: nothing before it is asked."""
+    truth = None
     for item in read_run(run):
-        answer, truth = localiser.update(item.text).matches, item.truth
-    best = answer.matches[0] if answer is not None and answer.matches else None
+        localiser.apply(item.text)
+        truth = item.truth
+    answer = localiser.locate().matches
+    best = answer.matches[0] if answer.matches else None
     known = 0 if localiser.live.graph is None else len(localiser.live.graph.objects)
     if best is None or truth is None or best.map != building:
         return _Asked(False, math.nan, known)
