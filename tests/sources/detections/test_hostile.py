@@ -7,12 +7,12 @@ import pytest
 
 from semloc_core.errors import GraphError, MessageError
 from semloc_core.graph import UpdateStream
-from semloc_core.sources.detections.builder import GraphBuilder
-from semloc_core.sources.detections.cells import Cells
-from semloc_core.sources.detections.config import BuilderConfig
 from semloc_core.sources.detections.frames import Rigid
 from semloc_core.sources.detections.grid import Grid
-from semloc_core.sources.detections.things import MOST, Detection, View
+from semloc_core.sources.detections.growth.builder import GraphBuilder
+from semloc_core.sources.detections.growth.cells import Cells
+from semloc_core.sources.detections.growth.config import BuilderConfig
+from semloc_core.sources.detections.growth.things import MOST, Detection, View
 from semloc_core.wire import decode_update, encode, quaternion_of
 
 NAN = float("nan")
