@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from semloc_core.sources.bag.reader import BagMessage, BagReader, read_messages
     from semloc_core.sources.bag.typed import DETECTIONS
     from semloc_core.sources.bag.writer import BagWriter
-    from semloc_core.sources.detections.builder import GraphBuilder
-    from semloc_core.sources.detections.config import BuilderConfig
     from semloc_core.sources.detections.frames import LateError, NoPathError, Rigid
     from semloc_core.sources.detections.grid import Grid
+    from semloc_core.sources.detections.growth.builder import GraphBuilder
+    from semloc_core.sources.detections.growth.config import BuilderConfig
+    from semloc_core.sources.detections.growth.things import Detection, View
     from semloc_core.sources.detections.nav2 import graph_of as graph_of_grid
     from semloc_core.sources.detections.nav2 import read_nav2, read_objects
     from semloc_core.sources.detections.simulate import DetectorConfig, Glance, simulate_detections, write_detections
     from semloc_core.sources.detections.stream import DetectionStream, StreamConfig, transform_of
-    from semloc_core.sources.detections.things import Detection, View
     from semloc_core.sources.graph import read_building, read_graph
     from semloc_core.sources.hydra.read import AgentPose, HydraFile, read_hydra
     from semloc_core.sources.hydra.stream import DsgStream, odometry, query_place

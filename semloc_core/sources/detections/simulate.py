@@ -18,9 +18,9 @@ from semloc_core.sources.bag import GROUND_TRUTH_TOPIC, BagWriter
 from semloc_core.sources.bag.typed import DETECTIONS, GRID, ODOMETRY, TRANSFORMS, typestore
 from semloc_core.sources.detections.frames import Rigid
 from semloc_core.sources.detections.grid import Grid
+from semloc_core.sources.detections.growth.things import Detection
 from semloc_core.sources.detections.nav2 import short
 from semloc_core.sources.detections.stream import OPTICAL
-from semloc_core.sources.detections.things import Detection
 from semloc_core.sources.simulate.drift import Frame
 from semloc_core.sources.simulate.route import WalkPoint, walk_along, walk_to_goals
 from semloc_core.sources.simulate.traversal import RecordedPose

@@ -14,11 +14,11 @@ import numpy as np
 from msgspec import Meta
 
 from semloc_core.errors import GraphError, MessageError
-from semloc_core.sources.detections.builder import GraphBuilder
-from semloc_core.sources.detections.config import BuilderConfig
 from semloc_core.sources.detections.frames import IDENTITY, LateError, NoPathError, Rigid
 from semloc_core.sources.detections.grid import Grid
-from semloc_core.sources.detections.things import Detection, View
+from semloc_core.sources.detections.growth.builder import GraphBuilder
+from semloc_core.sources.detections.growth.config import BuilderConfig
+from semloc_core.sources.detections.growth.things import Detection, View
 from semloc_core.wire import SceneGraphUpdate, yaw_of
 
 _NS_PER_S = 1_000_000_000

@@ -19,12 +19,12 @@ from semloc_core.sources import (
     simulate_detections,
     write_detections,
 )
-from semloc_core.sources.detections.builder import GraphBuilder
-from semloc_core.sources.detections.config import BuilderConfig
 from semloc_core.sources.detections.frames import Frames, LateError, NoPathError, Rigid
 from semloc_core.sources.detections.grid import free_places
+from semloc_core.sources.detections.growth.builder import GraphBuilder
+from semloc_core.sources.detections.growth.config import BuilderConfig
+from semloc_core.sources.detections.growth.things import Detection, View
 from semloc_core.sources.detections.nav2 import graph_of
-from semloc_core.sources.detections.things import Detection, View
 from semloc_core.wire import Object, Place, SceneGraphUpdate, decode_update, encode, quaternion_of
 
 

@@ -7,11 +7,12 @@ import pytest
 
 from semloc_core.errors import GraphError, MessageError
 from semloc_core.graph import UpdateStream
-from semloc_core.sources.detections.builder import GraphBuilder
-from semloc_core.sources.detections.config import BuilderConfig
 from semloc_core.sources.detections.frames import Rigid
 from semloc_core.sources.detections.grid import Grid
-from semloc_core.sources.detections.things import MOST, Detection, View
+from semloc_core.sources.detections.growth.builder import GraphBuilder
+from semloc_core.sources.detections.growth.cells import Cells
+from semloc_core.sources.detections.growth.config import BuilderConfig
+from semloc_core.sources.detections.growth.things import MOST, Detection, View
 from semloc_core.wire import decode_update, encode, quaternion_of
 
 NAN = float("nan")
@@ -188,3 +189,28 @@ def test_what_a_full_update_says_of_an_object_that_stands_still_is_what_was_said
     robot.builder.ask_full()
     robot.said()
     assert robot.graph.objects == said
+
+
+def test_what_a_view_looks_at_does_not_grow_with_the_graph(monkeypatch):
+    looked = []
+    near = Cells.near
+
+    def counted(self, position, radius_m):
+        found = list(near(self, position, radius_m))
+        looked.append(len(found))
+        return iter(found)
+
+    monkeypatch.setattr(Cells, "near", counted)
+    robot, costs, told = Robot(confirm_after=1, full_every_s=3600.0), {}, {}
+    for i in range(300):
+        looked.clear()
+        here = at(0.5 * i, yaw=0.0)
+        both = seen({"chair": 0.9}, 2.0), seen({"tv": 0.9}, 2.0, 1.5)
+        robot.builder.see(View(i * 500_000_000, here, here, both, "camera"))
+        update = robot.builder.update()
+        robot.stream.apply(update)
+        costs[i], told[i] = sum(looked), (len(update.places), len(update.objects), len(update.edges))
+    assert len(robot.graph.objects) >= 200
+    early, late = range(30, 150), range(180, 300)
+    assert max(costs[i] for i in late) <= max(costs[i] for i in early)
+    assert max(told[i] for i in late) <= max(told[i] for i in early)

@@ -7,14 +7,14 @@ looked up is looked up in cells of a metre (`cells.py`): what a view costs does 
 from __future__ import annotations
 
 from semloc_core.errors import ConfigError
-from semloc_core.sources.detections.cells import rounded
-from semloc_core.sources.detections.config import BuilderConfig
 from semloc_core.sources.detections.frames import Rigid
 from semloc_core.sources.detections.grid import Grid
-from semloc_core.sources.detections.objects import Objects
-from semloc_core.sources.detections.places import Places
-from semloc_core.sources.detections.things import View, check_pose, checked
-from semloc_core.sources.detections.written import Written
+from semloc_core.sources.detections.growth.cells import rounded
+from semloc_core.sources.detections.growth.config import BuilderConfig
+from semloc_core.sources.detections.growth.objects import Objects
+from semloc_core.sources.detections.growth.places import Places
+from semloc_core.sources.detections.growth.things import View, check_pose, checked
+from semloc_core.sources.detections.growth.written import Written
 from semloc_core.wire import Odometry, SceneGraphUpdate
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from semloc_core.graph import Floats, ball
-from semloc_core.sources.detections.cells import Cells, distance, ordered, rounded
-from semloc_core.sources.detections.config import BuilderConfig
 from semloc_core.sources.detections.grid import EDGE_LENGTHS, Grid, free_places
+from semloc_core.sources.detections.growth.cells import Cells, distance, ordered, rounded
+from semloc_core.sources.detections.growth.config import BuilderConfig
 from semloc_core.sources.hydra.write import node_id
 
 JUMP_M = 2.0

@@ -8,11 +8,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from semloc_core.graph import Floats
-from semloc_core.sources.detections.cells import Cells, distance, rounded
-from semloc_core.sources.detections.config import BuilderConfig
+from semloc_core.sources.detections.growth.cells import Cells, distance, rounded
+from semloc_core.sources.detections.growth.config import BuilderConfig
+from semloc_core.sources.detections.growth.places import JUMP_M, Places
+from semloc_core.sources.detections.growth.things import Seen, Thing, View
 from semloc_core.sources.detections.nav2 import short
-from semloc_core.sources.detections.places import JUMP_M, Places
-from semloc_core.sources.detections.things import Seen, Thing, View
 from semloc_core.sources.hydra.write import node_id
 
 MEMORY = 20.0

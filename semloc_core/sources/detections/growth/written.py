@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semloc_core.sources.detections.cells import distance, ordered, rounded
-from semloc_core.sources.detections.config import BuilderConfig
-from semloc_core.sources.detections.objects import Objects
-from semloc_core.sources.detections.places import Places
-from semloc_core.sources.detections.things import Thing
+from semloc_core.sources.detections.growth.cells import distance, ordered, rounded
+from semloc_core.sources.detections.growth.config import BuilderConfig
+from semloc_core.sources.detections.growth.objects import Objects
+from semloc_core.sources.detections.growth.places import Places
+from semloc_core.sources.detections.growth.things import Thing
 from semloc_core.text import short_repr
 from semloc_core.wire import Object, Place, Position
 

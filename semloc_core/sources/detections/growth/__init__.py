@@ -1,0 +1,1 @@
+"""A scene graph that grows as a robot looks around: places, objects, and what was said of them."""
