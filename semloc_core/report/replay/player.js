@@ -376,7 +376,7 @@ function whyNot(f, rival) {
   const gone = lost.map((m) => tag("tr", {}, tag("td", { title: m.id }, tag("span", { class: "name" }, sample(m.name, false), ` missed: ${m.name} ${short(m.id)}`)), tag("td", {}, m.side ? "" : signed(m.nats)), tag("td", {}, m.side ? signed(m.nats) : "")));
   const line = (name, p, q) => (Math.abs(p) + Math.abs(q) < 0.01 ? null : tag("tr", {}, tag("td", {}, name), tag("td", {}, signed(p)), tag("td", {}, signed(q))));
   panel.replaceChildren(
-    tag("p", { class: "because" }, `The answer is ${Math.abs(ahead) < 0.005 ? "level with" : ahead > 0 ? `${ahead.toFixed(1)} nats ahead of` : `${(-ahead).toFixed(1)} nats behind`} place ${rival} by its evidence${top ? `; most by ${top}` : ""}.`),
+    tag("p", { class: "because" }, `The answer is ${Math.abs(ahead) < 0.005 ? "level with" : ahead > 0 ? `${ahead.toFixed(1)} nats ahead of` : `${(-ahead).toFixed(1)} nats behind`} place ${rival} by its evidence${top ? `; most by ${top}` : ""}.${ahead < 0 && D.weighed ? " Earlier answers, which weigh in too, put it first." : ""}`),
     tag("div", { class: "beside", tabindex: 0, role: "region", "aria-label": "Evidence object by object" }, tag("table", {},
       tag("thead", {}, tag("tr", {}, tag("th", {}, "object"), tag("th", {}, "answer"), tag("th", {}, `place ${rival}`))),
       tag("tbody", {}, ...body, ...gone, line("missed, each below 0.05", others[0], others[1]), line("walls crossed", a.walls, b.walls)),
@@ -506,7 +506,7 @@ async function poll() {
       if (follow) at.frame = D.frames.length - 1;
       timeline(); chips(); key(); show();
     }
-    if (said.done) { D.rows = said.rows; scores(); $("lacks").replaceChildren(tag("p", {}, "The run is over.")); return; }
+    if (said.done) { D.rows = said.rows; scores(); $("lacks").append(tag("p", {}, "The run is over.")); return; }
   } catch (error) { trouble("The server is gone; what came so far stays."); return; }
   setTimeout(poll, 500);
 }
