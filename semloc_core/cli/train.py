@@ -158,8 +158,11 @@ def train(
     console.print(_kept(result) if result.stopped != "nothing to train" else f"{name} has nothing to train")
     trained = result.stopped != "nothing to train"
     before = {"start": begun} if begun is not None else {"general": general_model(arrays, space)} if trained else {}
-    rows = own_validation({"trained": result.model, **before}, arrays, result.splits, seed)
+    with progress("validating on held-out places") as bar:
+        rows = own_validation({"trained": result.model, **before}, arrays, result.splits, seed, bar)
     show("train", seed, graphs, rows, json_file, title="own validation: held-out places, as a detector sees them")
+    if not rows:
+        console.print("no place was held out of training, so what it brought is not known")
     for name in before:
         for line in gains(rows, name, general=begun is None or start == GENERAL):
             console.print(line)
