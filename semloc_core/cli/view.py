@@ -63,6 +63,7 @@ def view(
     from semloc_core.graph import Reading
     from semloc_core.map_database import load
     from semloc_core.report import Feed, has_answers, live_page, replay_page, served
+    from semloc_core.sources import Run
 
     torch.set_num_threads(1)
     loaded = load(map_file)
@@ -74,6 +75,7 @@ def view(
         with served(replay_page(data, loaded, run.name), None, host, port) as address:
             console.print(f"{address}  (Ctrl-C ends it)")
             threading.Event().wait()
+    Run(run, topic=topic, robot=robot, reading=reading)  # what is no run is refused before a page is served
     feed = Feed(loaded, truth_tolerance, config)
     with served(live_page(loaded, run.name, config), feed, host, port) as address:
         console.print(f"{address}  (Ctrl-C ends it)")

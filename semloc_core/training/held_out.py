@@ -101,7 +101,9 @@ def _fragments(building: int, seen: GraphArrays, test: NDArray[np.bool_], rng: n
     return found
 
 
-def _right(model: Model, query: Asked, graphs: Sequence[GraphArrays], database: NDArray[np.float32]) -> NDArray[np.bool_]:
+def _right(
+    model: Model, query: Asked, graphs: Sequence[GraphArrays], database: NDArray[np.float32]
+) -> NDArray[np.bool_]:
     """(B, N) whether each of a query's places is right at each rank; ``database``: (M, D), of the graphs' places."""
     positions = np.concatenate([graph.place_positions for graph in graphs])
     building = np.repeat(np.arange(len(graphs)), [graph.n_places for graph in graphs])

@@ -39,8 +39,8 @@ from semloc_core.text import short_repr
 from semloc_core.wire import yaw_of
 
 T = TypeVar("T")
-FRAMES = 7200
-"""Answers shown at most, an hour at 2 Hz; a longer run is thinned evenly."""
+FRAMES = 7500
+"""Answers shown at most, an hour at 2 Hz and a little; a longer run is thinned evenly."""
 _SAME = 0.005
 """Probabilities this near are one: of answers recorded on another machine, too."""
 _WAITING = 100
