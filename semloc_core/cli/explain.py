@@ -93,10 +93,8 @@ def explain(
         raise ConfigError("expected --query or --near (got both)")
     if sum(option is not None for option in (place, place_near, rival)) > 1:
         raise ConfigError("expected one of --place, --place-near and --rival (got more)")
-    at, place_at = (
-        None if given is None else _Point(option, given, _metres(given, option))
-        for option, given in (("--near", near), ("--place-near", place_near))
-    )
+    at = None if near is None else _Point.of("--near", near)
+    place_at = None if place_near is None else _Point.of("--place-near", place_near)
     loaded = load(map_file)
     if place_at is not None and (building is not None or len(loaded.buildings) == 1):
         _nearest_mapped(loaded, building or loaded.buildings[0], place_at, within)  # or refuse before the long work
@@ -183,15 +181,16 @@ class _Point(NamedTuple):
     said: str
     metres: list[float]
 
-
-def _metres(said: str, option: str) -> list[float]:
-    try:
-        target = [float(value) for value in said.split(",")]
-    except ValueError:
-        target = []
-    if len(target) not in (2, 3) or not all(math.isfinite(value) for value in target):
-        raise ConfigError(f"expected {option} as X,Y or X,Y,Z in metres (got {said})")
-    return target
+    @classmethod
+    def of(cls, option: str, said: str) -> _Point:
+        """Read it; ConfigError where it is none."""
+        try:
+            metres = [float(value) for value in said.split(",")]
+        except ValueError:
+            metres = []
+        if len(metres) not in (2, 3) or not all(math.isfinite(value) for value in metres):
+            raise ConfigError(f"expected {option} as X,Y or X,Y,Z in metres (got {said})")
+        return cls(option, said, metres)
 
 
 def _nearest(places: Mapping[str, tuple[float, ...]], near: _Point, within: float) -> tuple[str, str]:

@@ -45,7 +45,7 @@ TERMS = (
 )
 
 
-WEIGHED = "Earlier answers weigh in (filter bayes): probabilities count them; evidence is each answer's alone."
+WEIGHED = "Earlier answers weigh in (filter bayes): probabilities count them, evidence is of one answer."
 """Said of a replay whose answers are weighed by those before them."""
 
 
