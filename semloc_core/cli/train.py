@@ -21,7 +21,7 @@ from semloc_core.cli.shared.common import (
     read_graph,
     show,
 )
-from semloc_core.cli.shared.foreign_classes import AllowUnknown, check_classes
+from semloc_core.cli.shared.foreign_classes import AllowUnknown, check_classes, tell_numbers
 from semloc_core.cli.shared.outputs import Writes, output_option
 from semloc_core.errors import ConfigError
 from semloc_core.files import MODEL, PICTURE, STATE
@@ -119,8 +119,7 @@ def train(
     space = reading.classes_of([file.labelspace for file in files])
     for path, file in zip(graphs, files, strict=True):
         check_classes(file.graph, space, str(path), allow_unknown=allow_unknown)
-    if reading.said is None and space.classes and all(name.startswith("class_") for name in space.classes):
-        note("the graphs have numbers in place of class names; if you know which classes they are, use --labelspace")
+    tell_numbers(space, reading)
     arrays = [
         GraphArrays.from_scene_graph(f.graph, space, building_name(p)) for p, f in zip(graphs, files, strict=True)
     ]

@@ -123,6 +123,7 @@ def _good_for(map_: ReadableMap, model: str) -> tuple[list[str], list[Row]]:
         floor.reshape(-1),
         [(len(part.ids), graph) for part, graph in zip(parts, graphs, strict=True)],
     )
+    rooms = [name for name, share in zip(names, found.doubled.tolist(), strict=True) if share >= REPEATS]
     twins = [" = ".join(names[f] for f in group) for group in found.twins]
     half, most = found.needed
     bare = int((found.near == 0).sum())
@@ -137,9 +138,9 @@ def _good_for(map_: ReadableMap, model: str) -> tuple[list[str], list[Row]]:
         if twins
         else "Look-alikes: no building or storey is the twin of another."
         if len(floors) > 1
-        else "Look-alikes: there is one storey, so no other to take it for.",
+        else "Look-alikes: no other building or storey is in this map"
+        + ("." if rooms else ", and most places of this one are like none far off."),
     ]
-    rooms = [name for name, share in zip(names, found.doubled.tolist(), strict=True) if share >= REPEATS]
     if rooms:
         itself = "repeats itself" if len(rooms) == 1 else "repeat themselves"
         said.append(

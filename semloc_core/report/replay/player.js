@@ -302,7 +302,7 @@ function switches(v) {
   if (group.dataset.state !== state) {
     group.dataset.state = state;
     group.replaceChildren(...(v.b.storeys < 2 ? [] : [tag("button", { "aria-pressed": at.storey === null, title: "the storey of the answer", onclick: () => { at.storey = null; show(); } }, "Follow"),
-      ...Array.from({ length: v.b.storeys }, (_, i) => tag("button", { "aria-pressed": v.storey === i, onclick: () => { at.storey = i; show(); } }, `Storey ${i}`))]));
+      ...Array.from({ length: v.b.storeys }, (_, i) => tag("button", { "aria-pressed": v.storey === i, onclick: () => { at.storey = i; show(); } }, `Storey ${i + 1}`))]));
   }
   $("whole").textContent = whole ? "Around the robot" : "Whole storey";
 }
@@ -337,14 +337,14 @@ function answer(f) {
   if (f.off_m !== null && f.off_m !== undefined) numbers.push(["off the truth", f.off_m < 1 ? `${(100 * f.off_m).toFixed(0)} cm` : `${f.off_m.toFixed(1)} m`]);
   if (f.off_deg !== null && f.off_deg !== undefined) numbers.push(["heading off", `${f.off_deg.toFixed(f.off_deg < 10 ? 1 : 0)}°`]);
   if (f.truth && c && f.truth.map !== c.map) numbers.push(["truly in", f.truth.map]);
-  else if (f.truth && c && f.truth.storey !== c.storey) numbers.push(["storey", `${c.storey}, truly ${f.truth.storey}`]);
+  else if (f.truth && c && f.truth.storey !== c.storey) numbers.push(["storey", `${c.storey + 1}, truly ${f.truth.storey + 1}`]);
   made.push(tag("dl", { class: "numbers" }, ...numbers.map(([name, value]) => tag("div", {}, tag("dt", {}, name), tag("dd", {}, value)))));
   $("answer").replaceChildren(...made);
 }
 function candidates(f) {
   const rival = rivalNow(f);
   const made = f.candidates.slice(1).map((c, n) => tag("button", { "aria-pressed": n + 1 === rival, "data-candidate": n + 1, onclick: () => choose(n + 1) },
-    tag("b", {}, `${n + 1}`), tag("span", {}, `${KIND[c.kind]}: ${c.map}${D.buildings[c.map] && D.buildings[c.map].storeys > 1 ? `, storey ${c.storey}` : ""} (${c.position.slice(0, 2).map((v) => v.toFixed(0)).join(", ")})`), tag("span", {}, c.kind === "alike" ? `s=${c.similarity.toFixed(2)}` : percent(c.probability))));
+    tag("b", {}, `${n + 1}`), tag("span", {}, `${KIND[c.kind]}: ${c.map}${D.buildings[c.map] && D.buildings[c.map].storeys > 1 ? `, storey ${c.storey + 1}` : ""} (${c.position.slice(0, 2).map((v) => v.toFixed(0)).join(", ")})`), tag("span", {}, c.kind === "alike" ? `s=${c.similarity.toFixed(2)}` : percent(c.probability))));
   $("candidates").replaceChildren(made.length ? tag("div", { class: "list" }, ...made) : tag("p", {}, "This answer names no other place."));
   whyNot(f, rival);
 }
