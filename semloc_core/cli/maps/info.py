@@ -13,6 +13,7 @@ from semloc_core.cli.shared.common import Json, write_json
 from semloc_core.cli.shared.map_places import MapPlace, server_map, to_read
 from semloc_core.cli.shared.screen import console, cut, many, plain_table, print_whole
 from semloc_core.fleet import is_address
+from semloc_core.text import percent
 
 if TYPE_CHECKING:
     from semloc_core.encoding import Model
@@ -139,7 +140,7 @@ def _good_for(map_: ReadableMap, model: str) -> tuple[list[str], list[Row]]:
         else "Look-alikes: no building or storey is the twin of another."
         if len(floors) > 1
         else "Look-alikes: no other building or storey is in this map"
-        + ("." if rooms else ", and most places of this one are like none far off."),
+        + ("." if rooms else f"; of this one's places {percent(found.doubled[0])} are like another far off in it."),
     ]
     if rooms:
         itself = "repeats itself" if len(rooms) == 1 else "repeat themselves"
