@@ -28,7 +28,11 @@ TERMS = (
         f"Within {MATCH_RADIUS_M:g} m of where the robot truly was, in the same building and on the same storey.",
     ),
     ("Wrong", "Any other answer that names a place; one without a place is no answer."),
-    ("Probability", "The localiser's own estimate that its best match is right."),
+    (
+        "Probability",
+        "The localiser's own estimate that a place is right. It is each place's own: places a few metres apart are "
+        "right together, so they need not sum to 100%.",
+    ),
     (
         "Evidence",
         "What the decision rests on, in nats: how much likelier the place makes what the robot sees, object by object. "

@@ -322,9 +322,9 @@ function key() {
 // -- what is said -----------------------------------------------------------------------------------------------
 function answer(f) {
   const c = f.candidates[0], [colour, , words] = STATUS[f.status];
-  const head = tag("div", { class: "answer-head" }, tag("span", { class: "badge", style: `color:${colour}`, title: words }, f.status));
-  if (f.right === true) head.append(tag("span", { style: `color:${GREEN};font-weight:700` }, "✓ right"));
-  if (f.right === false && c) head.append(tag("span", { style: `color:${VERMILLION};font-weight:700` }, "✗ wrong"));
+  const head = tag("div", { class: "answer-head" }, tag("span", { class: "badge", style: `border-color:${colour}`, title: words }, f.status));
+  if (f.right === true) head.append(tag("b", {}, tag("span", { style: `color:${GREEN}` }, "✓"), " right"));
+  if (f.right === false && c) head.append(tag("b", {}, tag("span", { style: `color:${VERMILLION}` }, "✗"), " wrong"));
   head.append(c ? `${c.map}, place ${short(c.place)}` : words);
   const made = [head], numbers = [];
   if (c) {
@@ -389,7 +389,7 @@ function classes(f) {
   names.sort((p, q) => Math.abs(evidence.get(q) || 0) - Math.abs(evidence.get(p) || 0) || weight(q) - weight(p) || (p < q ? -1 : 1));
   if (!names.length) return $("classes").replaceChildren(tag("p", { class: "note" }, f.candidates.length ? "This answer was recorded without reasons." : "No answer, no reasons."));
   const most = Math.max(0.01, ...names.map(weight));
-  const bar = (value, colour) => tag("div", { class: "bar" }, value ? tag("i", { class: value < 0 ? "less" : null, style: `width:${(62 * Math.abs(value)) / most}%;background:${colour}` }) : null, tag("em", {}, value ? `${value < 0 ? "−" : ""}${percent(Math.abs(value))}` : "–"));
+  const bar = (value, colour) => tag("div", { class: "bar" }, value ? tag("i", { class: value < 0 ? "less" : null, style: `width:calc((100% - 3.4rem) * ${(Math.abs(value) / most).toFixed(4)});background:${colour}` }) : null, tag("em", {}, value ? `${value < 0 ? "−" : ""}${percent(Math.abs(value))}` : "–"));
   const rest = names.slice(10);
   const rows = names.slice(0, 10).flatMap((n) => [tag("span", { class: "name" }, sample(n), n), bar(evidence.get(n), classLook(n)[0]), bar(attention.get(n), classLook(n)[0])]);
   $("classes").replaceChildren(tag("div", { class: "bars" }, tag("b", {}, "class"), tag("b", { title: "what the decision rests on" }, "evidence"), tag("b", { title: "what the encoder looked at" }, f.method || "attention"), ...rows),
