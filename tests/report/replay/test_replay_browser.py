@@ -199,6 +199,29 @@ def test_a_click_on_a_rival_shows_its_evidence_beside_the_answers(opened, data):
     assert tab.locator("#whynot table").count() == 0
 
 
+def test_the_keyboard_alone_chooses_a_rival_and_keeps_its_place(opened, data):
+    tab = opened(1400)
+    number = next(i for i, frame in enumerate(data.frames) if len(frame.candidates) > 1)
+    for _ in range(number):
+        tab.keyboard.press("ArrowRight")
+    reached = set()
+    for _ in range(40):
+        tab.keyboard.press("Tab")
+        reached.add(tab.evaluate("document.activeElement.id || Object.keys(document.activeElement.dataset).join()"))
+        drawn = tab.evaluate("getComputedStyle(document.activeElement).outlineStyle")
+        assert drawn == "solid" or tab.evaluate("document.activeElement === document.body")
+    controls = {"first", "back", "play", "next", "last", "speed", "wrong", "seek", "whole", "in", "out"}
+    assert controls | {"rival", "candidate"} <= reached | {"wrong"}, "none is wrong: that one may be disabled"
+    for name in ("candidate", "rival"):
+        tab.locator(f"[data-{name}='1']").focus()
+        tab.keyboard.press("Enter")
+        assert tab.locator("#whynot table").count() == 1
+        assert tab.evaluate(f"document.activeElement.dataset.{name}") == "1"
+        tab.keyboard.press("Escape")
+        assert tab.locator("#whynot table").count() == 0
+        assert tab.evaluate(f"document.activeElement.dataset.{name}") == "1"
+
+
 @pytest.mark.parametrize("width", [360, 1400])
 def test_nothing_is_wider_than_the_screen_or_too_small_to_read(opened, width):
     tab = opened(width)
