@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from semloc_core.introspection import ABLATION, Matrices, Run, plan_parts, ranking_rows, similarity_to_map, spearman
 from semloc_core.metrics import HIGH, LOW, STD, Row
@@ -195,7 +196,7 @@ def plan(run: Run, place: int) -> Section:
 
 def place_query_matrices(found: Matrices) -> Section:
     """Truth, bag of words and model."""
-    drawn = {"truth": found.truth.astype(np.float64)}
+    drawn: dict[str, ArrayLike] = {"truth": found.truth.astype(np.float64)}
     ours = [name for name in found.similarity if name != "bag_of_words"][-1]
     drawn |= {name: found.similarity[name] for name in ("bag_of_words", ours)}
     rows: list[Row] = []

@@ -46,11 +46,12 @@ class Feed:
     def run(self, run: Path, reading: Reading, *, topic: str | None = None, robot: str | None = None) -> None:
         """Localise along a run to its end; what goes wrong is said on the page, and raised."""
         loaded, config = self._gathering.data.buildings.loaded, self._config
-        said = {"topic": topic, "robot": robot}
         try:
             localiser = Localiser(loaded, config)
             localiser.live.labels = reading.labels()
-            replay(run, localiser, config, **said, on_answer=self._on_answer, on_truth=self._on_truth)
+            replay(
+                run, localiser, config, topic=topic, robot=robot, on_answer=self._on_answer, on_truth=self._on_truth
+            )  # fmt: skip
         except SemlocError as error:
             self._error = str(error)
             raise
