@@ -49,7 +49,8 @@ def explain(
         str | None, typer.Option("--near", metavar="X,Y[,Z]", help="Ask about the place nearest to this point (m).")
     ] = None,
     within: Annotated[
-        float, typer.Option("--within", metavar="METRES", min=0.0, help="How far from --near the place may be.")
+        float,
+        typer.Option("--within", metavar="METRES", min=0.0, help="How far from --near or --place-near a place may be."),
     ] = MATCH_RADIUS_M,
     place: Annotated[
         str | None, typer.Option("--place", metavar="PLACE", help="The map place to explain; default: the top match.")

@@ -140,7 +140,7 @@ def read_results(
             gathering.said(wire.decode(decode_string(message.data), wire.ClassAttributions))
     if not gathering.data.answers:
         topics = ", ".join(sorted(reader.types)) or "nothing"
-        raise BagError(f"expected answers on {matches} in {results} (got {topics})")
+        raise BagError(f"expected answers on {matches} in {results} (got {topics}; semloc replay RUN -o makes such)")
     data = gathering.finish()
     if updates is not None:
         known = reading or Reading(known=loaded.model.labelspace)
