@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -19,10 +20,26 @@ from semloc_core.cli.shared.common import (
     read_graph,
 )
 from semloc_core.cli.shared.outputs import App, output_option
+from semloc_core.cli.shared.words import within
 from semloc_core.errors import ConfigError
 from semloc_core.files import BAG
 
 app = App(no_args_is_help=True, help="Make bags.")
+
+
+def _simulation() -> type:
+    from semloc_core.sources import SimulationConfig
+
+    return SimulationConfig
+
+
+def _detections() -> type:
+    from semloc_core.sources import DetectorConfig
+
+    return DetectorConfig
+
+
+_walk, _detector = partial(within, _simulation), partial(within, _detections)
 
 
 @app.command("simulate")
@@ -31,21 +48,40 @@ def simulate(
     output: Annotated[Path, output_option("RUN", BAG, "The bag: a .mcap or a folder.")],
     labelspace: LabelspaceOption = None,
     synonyms: SynonymsOption = None,
-    speed: Annotated[float, typer.Option(help="Walking speed, m/s.")] = 0.5,
-    distance: Annotated[float, typer.Option(help="How far to walk, m; agent poses are followed to their end.")] = 60.0,
-    range_m: Annotated[float, typer.Option("--range", help="Sensing range along walkable ways, m.")] = 5.0,
+    speed: Annotated[float, typer.Option(help="Walking speed, m/s.", callback=_walk("speed_mps"))] = 0.5,
+    distance: Annotated[
+        float,
+        typer.Option(help="How far to walk, m; agent poses are followed to their end.", callback=_walk("distance_m")),
+    ] = 60.0,
+    range_m: Annotated[
+        float, typer.Option("--range", help="Sensing range along walkable ways, m.", callback=_walk("range_m"))
+    ] = 5.0,
     miss_rate: Annotated[
-        float | None, typer.Option(help="Share of the objects that are never detected (0.1).", show_default=False)
+        float | None,
+        typer.Option(
+            help="Share of the objects that are never detected (0.1).", show_default=False, callback=_walk("miss_rate")
+        ),
     ] = None,
     false_rate: Annotated[
-        float | None, typer.Option(help="Invented objects for each true one (0.05).", show_default=False)
+        float | None,
+        typer.Option(
+            help="Invented objects for each true one (0.05).", show_default=False, callback=_walk("false_rate")
+        ),
     ] = None,
-    position_noise: Annotated[float, typer.Option(help="Standard deviation of object positions, m.")] = 0.1,
+    position_noise: Annotated[
+        float, typer.Option(help="Standard deviation of object positions, m.", callback=_walk("position_noise_m"))
+    ] = 0.1,
     rate: Annotated[
-        float | None, typer.Option(help="Updates per second (2), or a camera's frames (4).", show_default=False)
+        float | None,
+        typer.Option(
+            help="Updates per second (2), or a camera's frames (4).", show_default=False, callback=_walk("rate_hz")
+        ),
     ] = None,
     drift: Annotated[
-        float, typer.Option(min=0.0, help="Drift of the run's frame; 1: 0.5° and 0.03 m per axis, a root metre.")
+        float,
+        typer.Option(
+            help="Drift of the run's frame; 1: 0.5° and 0.03 m per axis, a root metre.", callback=_walk("drift")
+        ),
     ] = 0.0,
     detections: Annotated[
         bool,
@@ -55,13 +91,28 @@ def simulate(
             "--miss-rate is then of each frame (0.2), --false-rate 0.02.",
         ),
     ] = False,
-    cameras: Annotated[int, typer.Option(help="With --detections: cameras, evenly around.")] = 1,
-    fov: Annotated[float, typer.Option(help="With --detections: a camera's width of view, degrees.")] = 90.0,
+    cameras: Annotated[
+        int, typer.Option(help="With --detections: cameras, evenly around.", callback=_detector("cameras"))
+    ] = 1,
+    fov: Annotated[
+        float,
+        typer.Option(
+            help="With --detections: a camera's width of view, degrees.", callback=_detector("horizontal_fov_deg")
+        ),
+    ] = 90.0,
     confusion_rate: Annotated[
-        float, typer.Option(help="With --detections: chance, in each frame, that another class scores best.")
+        float,
+        typer.Option(
+            help="With --detections: chance, in each frame, that another class scores best.",
+            callback=_detector("confusion_rate"),
+        ),
     ] = 0.1,
     depth_noise: Annotated[
-        float, typer.Option(help="With --detections: deviation of depth at 1 m, m; it grows with the square.")
+        float,
+        typer.Option(
+            help="With --detections: deviation of depth at 1 m, m; it grows with the square.",
+            callback=_detector("depth_noise"),
+        ),
     ] = 0.005,
     grid: Annotated[
         Path | None,

@@ -16,6 +16,7 @@ from semloc_core.cli.shared.absent import absent
 from semloc_core.cli.shared.ending import unread
 from semloc_core.cli.shared.inputs import guard
 from semloc_core.cli.shared.outputs import App
+from semloc_core.cli.shared.words import wrong_words
 from semloc_core.errors import SemlocError
 
 HELP = """Tells a robot where it is, and why it thinks so, from the semantics of a 3D scene graph.
@@ -101,7 +102,7 @@ def run(words: list[str]) -> int:
         try:
             status = int(app(words, prog_name="semloc", standalone_mode=False) or 0)
         except UsageError as error:
-            status = _wrong(_said(error))
+            status = _wrong(_said(error, words))
         sys.stdout.flush()
     except SemlocError as error:
         status = _wrong(str(error))
@@ -117,14 +118,11 @@ def run(words: list[str]) -> int:
     return status
 
 
-def _said(error: Exception) -> str:
-    """What is wrong with the words of the command, and which command lists the right ones."""
-    text = error.format_message().strip()  # type: ignore[attr-defined]  # of click, which typer has or brings
+def _said(error: Exception, words: list[str]) -> str:
+    """What is wrong with the words of the command."""
     if type(error).__name__ == "NoArgsIsHelpError":  # the help is the answer; typer has printed it
         sys.exit(WRONG)
-    context = getattr(error, "ctx", None)
-    command = context.command_path if context is not None else "semloc"
-    return f"{text[:1].lower()}{text[1:].rstrip('.')} (see {command} --help)"
+    return wrong_words(error, words, typer.main.get_command(app))
 
 
 def _wrong(message: str) -> int:

@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from semloc_core.cli.shared.common import console
 from semloc_core.cli.shared.outputs import Force, Writes
-from semloc_core.files import FOLDER
+from semloc_core.files import BAG, FIGURES, FOLDER, MAP, PAGE, Output
 
 FILES = Path(str(resources.files("semloc_core.cli"))) / "demo_files"
 WALK = ("--distance", "40", "--range", "8")
+RESULTS, FIGURES_FILE, REPORT, MAP_FILE, RUN = "results.mcap", "figures.json", "report.html", "demo.map", "run.mcap"
+WRITTEN = {RESULTS: BAG, FIGURES_FILE: FIGURES, REPORT: PAGE}
+WRITTEN_OF_DATA = {MAP_FILE: MAP, RUN: BAG}
+"""What is put into the folder, and of which kind it is; the second where a building is given."""
+
+
+class Folder(Writes):
+    """The folder, and what is put into it."""
+
+    def outputs(self, name: str, value: Any, values: dict[str, Any]) -> Iterator[Output]:
+        """What a value makes the command write."""
+        yield Output(name, Path(value), FOLDER, in_place=True)
+        for file, kind in (WRITTEN | ({} if values["data"] is None else WRITTEN_OF_DATA)).items():
+            yield Output(name, Path(value) / file, kind, inside=True)
 
 
 def demo(
@@ -22,9 +37,7 @@ def demo(
     ] = None,
     output: Annotated[
         Path,
-        typer.Option(
-            "-o", "--output", metavar="FOLDER", parser=Writes(FOLDER, in_place=True), help="Where results go."
-        ),
+        typer.Option("-o", "--output", metavar="FOLDER", parser=Folder(FOLDER), help="Where results go."),
     ] = Path("semloc_demo"),
     force: Force = False,
 ) -> None:
@@ -32,7 +45,7 @@ def demo(
     from semloc_core.cli.commands import run
 
     output.mkdir(parents=True, exist_ok=True)
-    results, page = str(output / "results.mcap"), str(output / "report.html")
+    results, page = str(output / RESULTS), str(output / REPORT)
     map_, bag = str(FILES / "demo.map"), str(FILES / "demo_run.mcap")
     made: list[list[str]] = []
     if data is None:
@@ -45,10 +58,10 @@ def demo(
             f"A walk through {data}: the building is real, the walk and what the robot sees are simulated.",
             markup=False,
         )
-        map_, bag = str(output / "demo.map"), str(output / "run.mcap")
+        map_, bag = str(output / MAP_FILE), str(output / RUN)
         made = [["map", "build", str(data), "-o", map_], ["bag", "simulate", str(data), *WALK, "-o", bag]]
     made += [
-        ["replay", bag, "--map", map_, "-o", results, "--json", str(output / "figures.json")],
+        ["replay", bag, "--map", map_, "-o", results, "--json", str(output / FIGURES_FILE)],
         ["report", "replay", results, "--run", bag, "--map", map_, "-o", page],
     ]
     for words in made:

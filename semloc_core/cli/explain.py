@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -29,6 +29,7 @@ from semloc_core.graph import full_id, short_id
 
 if TYPE_CHECKING:
     from semloc_core.graph import SceneGraph
+    from semloc_core.map_database import LoadedMap
     from semloc_core.matching import Located
 
 NO_RIVALS = (
@@ -48,7 +49,8 @@ def explain(
         str | None, typer.Option("--near", metavar="X,Y[,Z]", help="Ask about the place nearest to this point (m).")
     ] = None,
     within: Annotated[
-        float, typer.Option("--within", metavar="METRES", min=0.0, help="How far from --near the place may be.")
+        float,
+        typer.Option("--within", metavar="METRES", min=0.0, help="How far from --near or --place-near a place may be."),
     ] = MATCH_RADIUS_M,
     place: Annotated[
         str | None, typer.Option("--place", metavar="PLACE", help="The map place to explain; default: the top match.")
@@ -88,11 +90,19 @@ def explain(
 
     chosen = None if methods is None else by_comma(methods)
     check_asked(chosen or [])
+    if near is not None and query is not None:
+        raise ConfigError("expected --query or --near (got both)")
+    if sum(option is not None for option in (place, place_near, rival)) > 1:
+        raise ConfigError("expected one of --place, --place-near and --rival (got more)")
+    at = None if near is None else _Point.of("--near", near)
+    place_at = None if place_near is None else _Point.of("--place-near", place_near)
     loaded = load(map_file)
+    if place_at is not None and (building is not None or len(loaded.buildings) == 1):
+        _nearest_mapped(loaded, building or loaded.buildings[0], place_at, within)  # or refuse before the long work
     graph = read_graph_or_run(source, reading_for(loaded, labelspace, synonyms, topic, robot))
     unknown = count_unknown(graph, loaded.model.labelspace)
     report_unknown_classes(unknown, str(source), advise=False)
-    query, said = _query_place(graph, query, near, within)
+    query, said = _query_place(graph, query, at, within)
     localiser = Localiser(loaded)
     result = localiser.update(graph.to_update(seq=0, stamp_ns=0, frame_id="query", query_place=query))
     assert result.located is not None
@@ -100,7 +110,7 @@ def explain(
     asked = f"asked: place {short_id(query)} at {point(graph.places[query])} of {source.name}{said}"
     row, explanation = None, None
     if result.located.query.encoded is not None:  # what was asked wrongly is said before anything is printed
-        row = _map_row(result.located, building, place, place_near, rival, within)
+        row = _map_row(result.located, building, place, place_at, rival, within)
         chosen = asked_methods(result.located, chosen)
         explanation = explain_pair(result.located, row, methods=chosen)
     elif place is not None or place_near is not None or rival is not None:
@@ -122,13 +132,11 @@ def explain(
 
 
 def _map_row(
-    located: Located, building: str | None, place: str | None, near: str | None, rival: int | None, within: float
+    located: Located, building: str | None, place: str | None, near: _Point | None, rival: int | None, within: float
 ) -> int:
     """The row of the map place that the options mean."""
     from semloc_core.explain import find_row
 
-    if sum(option is not None for option in (place, near, rival)) > 1:
-        raise ConfigError("expected one of --place, --place-near and --rival (got more)")
     loaded = located.map
     if rival is not None:
         rivals = located.matches.rivals
@@ -137,17 +145,20 @@ def _map_row(
         return loaded.row(rivals[rival - 1].map, rivals[rival - 1].place)
     if near is not None:
         building = building or located.matches.matches[0].map
-        of = loaded.rows_of(building)
-        places = {loaded.place_ids[row]: tuple(loaded.positions[row].tolist()) for row in range(of.start, of.stop)}
-        return loaded.row(building, _nearest(places, near, within, "--place-near")[0])
+        return loaded.row(building, _nearest_mapped(loaded, building, near, within))
     return find_row(located, building, None if place is None else full_id(place, set(loaded.place_ids)))
 
 
-def _query_place(graph: SceneGraph, query: str | None, near: str | None, within: float) -> tuple[str, str]:
+def _nearest_mapped(loaded: LoadedMap, building: str, near: _Point, within: float) -> str:
+    """The place of a building of the map that is nearest to a point."""
+    of = loaded.rows_of(building)
+    places = {loaded.place_ids[row]: tuple(loaded.positions[row].tolist()) for row in range(of.start, of.stop)}
+    return _nearest(places, near, within)[0]
+
+
+def _query_place(graph: SceneGraph, query: str | None, near: _Point | None, within: float) -> tuple[str, str]:
     """The place that the options mean, and words on where it is."""
     if near is not None:
-        if query is not None:
-            raise ConfigError("expected --query or --near (got both)")
         return _nearest(graph.places, near, within)
     said = ""
     if query is None:
@@ -164,23 +175,35 @@ def _query_place(graph: SceneGraph, query: str | None, near: str | None, within:
     return query, said
 
 
-def _nearest(
-    places: Mapping[str, tuple[float, ...]], near: str, within: float, option: str = "--near"
-) -> tuple[str, str]:
+class _Point(NamedTuple):
+    """A point as an option gives it: two or three metres, and the words."""
+
+    option: str
+    said: str
+    metres: list[float]
+
+    @classmethod
+    def of(cls, option: str, said: str) -> _Point:
+        """Read it; ConfigError where it is none."""
+        try:
+            metres = [float(value) for value in said.split(",")]
+        except ValueError:
+            metres = []
+        if len(metres) not in (2, 3) or not all(math.isfinite(value) for value in metres):
+            raise ConfigError(f"expected {option} as X,Y or X,Y,Z in metres (got {said})")
+        return cls(option, said, metres)
+
+
+def _nearest(places: Mapping[str, tuple[float, ...]], near: _Point, within: float) -> tuple[str, str]:
     """The place nearest to a point, and how far it is."""
-    try:
-        target = [float(value) for value in near.split(",")]
-    except ValueError:
-        target = []
-    if len(target) not in (2, 3) or not all(math.isfinite(value) for value in target):
-        raise ConfigError(f"expected {option} as X,Y or X,Y,Z in metres (got {near})")
+    target = near.metres
     if not places:
         raise GraphError("expected a graph with places (got none)")
     away = {id_: math.dist(at[: len(target)], target) for id_, at in places.items()}
     place = min(away, key=lambda id_: (away[id_], id_))
     if away[place] > within:
         raise GraphError(
-            f"expected a place within {within:g} m of {option} {near} (got {away[place]:.1f} m to {short_id(place)} at "
-            f"{point(places[place])}; --within METRES allows more)"
+            f"expected a place within {within:g} m of {near.option} {near.said} (got {away[place]:.1f} m to "
+            f"{short_id(place)} at {point(places[place])}; --within METRES allows more)"
         )
-    return place, f", {away[place]:.2f} m from {near}"
+    return place, f", {away[place]:.2f} m from {near.said}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +12,7 @@ import typer
 from semloc_core.cli.shared.common import LabelspaceOption, RobotOption, SynonymsOption, TopicOption, console, tell
 from semloc_core.cli.shared.outputs import App, Writes
 from semloc_core.cli.shared.screen import many, note
+from semloc_core.cli.shared.words import within
 from semloc_core.errors import BagError, FileFormatError
 from semloc_core.files import BAG, GRAPH, Output
 from semloc_core.sources import BuilderConfig
@@ -22,6 +24,15 @@ app = App(no_args_is_help=True, help="Make scene graphs of detections, or of a n
 DEFAULTS = BuilderConfig()
 Spacing = Annotated[float, typer.Option("--spacing", min=0.1, max=100.0, help="Distance between places, m.")]
 Radius = Annotated[float, typer.Option("--radius", min=0.01, max=10.0, help="Radius of the robot, m.")]
+
+
+def _stream() -> type:
+    from semloc_core.sources import StreamConfig
+
+    return StreamConfig
+
+
+_builder = partial(within, _stream)
 
 
 class GraphOrRun(Writes):
@@ -98,13 +109,20 @@ def from_detections(
     frame: Annotated[str, typer.Option(help="Frame of the graph; default: odometry's.")] = "",
     robot_frame: Annotated[str, typer.Option(help="Frame of the robot; default: odometry's child.")] = "",
     confirm_after: Annotated[
-        int, typer.Option(help="Sightings after which an object counts.")
+        int, typer.Option(help="Sightings after which an object counts.", callback=_builder("confirm_after"))
     ] = DEFAULTS.confirm_after,
-    forget_after: Annotated[int, typer.Option(help="Looks in a row without it after which an object is gone.")] = (
-        DEFAULTS.forget_after
-    ),
-    min_score: Annotated[float, typer.Option(help="Detections that score lower are left out.")] = DEFAULTS.min_score,
-    range_m: Annotated[float, typer.Option("--range", help="How far the detector sees, m.")] = DEFAULTS.range_m,
+    forget_after: Annotated[
+        int,
+        typer.Option(
+            help="Looks in a row without it after which an object is gone.", callback=_builder("forget_after")
+        ),
+    ] = DEFAULTS.forget_after,
+    min_score: Annotated[
+        float, typer.Option(help="Detections that score lower are left out.", callback=_builder("min_score"))
+    ] = DEFAULTS.min_score,
+    range_m: Annotated[
+        float, typer.Option("--range", help="How far the detector sees, m.", callback=_builder("range_m"))
+    ] = DEFAULTS.range_m,
     spacing: Spacing = DEFAULTS.place_spacing_m,
     radius: Radius = DEFAULTS.robot_radius_m,
 ) -> None:

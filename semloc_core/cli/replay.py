@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,6 +24,7 @@ from semloc_core.cli.shared.common import (
 )
 from semloc_core.cli.shared.foreign_classes import report_unknown_classes
 from semloc_core.cli.shared.outputs import Writes, output_option
+from semloc_core.cli.shared.words import within
 from semloc_core.config import LocaliserConfig, checked, options
 from semloc_core.files import BAG, TRAJECTORY
 from semloc_core.text import percent
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
 
 _HELP = {option.name: option.description for option in options(LocaliserConfig)}
 _DEFAULT = LocaliserConfig()
+_own = partial(within, lambda: LocaliserConfig)
 OUTAGE_S = 60.0
 """So long a map's server may be silent before a replay ends: its answers must not hang on when it was."""
 
@@ -62,12 +65,22 @@ def replay(
         typer.Option("--truth-topic", metavar="TOPIC", help="Ground truth; default: ground_truth beside the updates."),
     ] = None,
     truth_tolerance: ToleranceOption = 0.05,
-    top_n: Annotated[int, typer.Option(help=_HELP["top_n"])] = _DEFAULT.top_n,
-    explainer: Annotated[str, typer.Option(metavar="NAME", help=_HELP["explainer"])] = _DEFAULT.explainer,
-    explain_rate_hz: Annotated[float, typer.Option(help=_HELP["explain_rate_hz"])] = _DEFAULT.explain_rate_hz,
-    accept_probability: Annotated[float, typer.Option(help=_HELP["accept_probability"])] = _DEFAULT.accept_probability,
-    rerank: Annotated[str, typer.Option("--rerank", metavar="none|layout", help=_HELP["rerank"])] = _DEFAULT.rerank,
-    filter_: Annotated[str, typer.Option("--filter", metavar="none|bayes", help=_HELP["filter"])] = _DEFAULT.filter,
+    top_n: Annotated[int, typer.Option(help=_HELP["top_n"], callback=_own("top_n"))] = _DEFAULT.top_n,
+    explainer: Annotated[
+        str, typer.Option(metavar="NAME", help=_HELP["explainer"], callback=_own("explainer"))
+    ] = _DEFAULT.explainer,
+    explain_rate_hz: Annotated[
+        float, typer.Option(help=_HELP["explain_rate_hz"], callback=_own("explain_rate_hz"))
+    ] = _DEFAULT.explain_rate_hz,
+    accept_probability: Annotated[
+        float, typer.Option(help=_HELP["accept_probability"], callback=_own("accept_probability"))
+    ] = _DEFAULT.accept_probability,
+    rerank: Annotated[
+        str, typer.Option("--rerank", metavar="none|layout", help=_HELP["rerank"], callback=_own("rerank"))
+    ] = _DEFAULT.rerank,
+    filter_: Annotated[
+        str, typer.Option("--filter", metavar="none|bayes", help=_HELP["filter"], callback=_own("filter"))
+    ] = _DEFAULT.filter,
     buildings: Annotated[
         list[str] | None, typer.Option("--buildings", metavar="PATTERN", help=_HELP["buildings"])
     ] = None,

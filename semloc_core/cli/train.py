@@ -21,7 +21,7 @@ from semloc_core.cli.shared.common import (
     read_graph,
     show,
 )
-from semloc_core.cli.shared.foreign_classes import AllowUnknown, check_classes
+from semloc_core.cli.shared.foreign_classes import AllowUnknown, check_classes, tell_numbers
 from semloc_core.cli.shared.outputs import Writes, output_option
 from semloc_core.errors import ConfigError
 from semloc_core.files import MODEL, PICTURE, STATE
@@ -119,8 +119,7 @@ def train(
     space = reading.classes_of([file.labelspace for file in files])
     for path, file in zip(graphs, files, strict=True):
         check_classes(file.graph, space, str(path), allow_unknown=allow_unknown)
-    if reading.said is None and space.classes and all(name.startswith("class_") for name in space.classes):
-        note("the graphs have numbers in place of class names; if you know which classes they are, use --labelspace")
+    tell_numbers(space, reading)
     arrays = [
         GraphArrays.from_scene_graph(f.graph, space, building_name(p)) for p, f in zip(graphs, files, strict=True)
     ]
@@ -158,8 +157,11 @@ def train(
     console.print(_kept(result) if result.stopped != "nothing to train" else f"{name} has nothing to train")
     trained = result.stopped != "nothing to train"
     before = {"start": begun} if begun is not None else {"general": general_model(arrays, space)} if trained else {}
-    rows = own_validation({"trained": result.model, **before}, arrays, result.splits, seed)
+    with progress("validating on held-out places") as bar:
+        rows = own_validation({"trained": result.model, **before}, arrays, result.splits, seed, bar)
     show("train", seed, graphs, rows, json_file, title="own validation: held-out places, as a detector sees them")
+    if not rows:
+        console.print("no place was held out of training, so what it brought is not known")
     for name in before:
         for line in gains(rows, name, general=begun is None or start == GENERAL):
             console.print(line)

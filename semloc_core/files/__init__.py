@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         STUDY,
         TRAJECTORY,
         kind_of,
+        other_kind,
     )
     from semloc_core.files.outputs import Output, guarded
     from semloc_core.files.whole import (
@@ -44,5 +45,6 @@ else:
 __all__ = [
     "APPLICATION_ID", "BAG", "CALIBRATION", "FIGURES", "FOLDER", "GRAPH", "MAP", "MESSAGES", "MODEL", "Output", "PAGE",
     "PICTURE", "STATE", "STUDY", "TRAJECTORY", "beside", "check_claim", "guarded", "is_stream", "kind_of", "link_new",
-    "must_be_new", "open_stream", "publish", "real", "remove", "replaces", "scratch_folder", "write_whole", "written",
+    "must_be_new", "open_stream", "other_kind", "publish", "real", "remove", "replaces", "scratch_folder",
+    "write_whole", "written",
 ]  # fmt: skip

@@ -68,6 +68,17 @@ def kind_of(path: Path) -> str:
     return _text(head)
 
 
+def other_kind(path: Path, wanted: str) -> str | None:
+    """What a file is where it is surely one of ours and not what is wanted; None where that can't be said.
+
+    Raises:
+        OSError: it can't be read.
+
+    """
+    kind = kind_of(path)
+    return kind if kind in _SURE and kind != wanted else None
+
+
 def _database(path: Path) -> str:
     """A rosbag2 of SQLite, or another database."""
     try:
@@ -104,6 +115,7 @@ def _says(document: dict[str, msgspec.Raw], key: str, start: str) -> bool:
 
 _KEYS = {FIGURES: {"command", "rows"}, GRAPH: {"nodes", "edges"}, CALIBRATION: {"right", "in_map"}}
 _OTHER = "JSON of something else"
+_SURE = {MAP, BAG, MODEL, STATE, GRAPH, FIGURES, MESSAGES, STUDY, CALIBRATION, PAGE, PICTURE, TRAJECTORY, FOLDER}
 
 
 def _text(head: bytes) -> str:

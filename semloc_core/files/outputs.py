@@ -132,7 +132,7 @@ def _check(one: Output, inputs: _Inputs, force: bool) -> None:
     if one.kind not in (BAG, FOLDER) and path.is_dir() and real(path) not in inputs.bags:
         holding = None  # a folder, which is said below
     if holding is not None and not (one.kind == FOLDER and path.is_dir() and real(path) not in inputs.bags):
-        raise ConfigError(f"expected {one.name} to be no input (got {path}, which is {holding} or a part of it)")
+        raise ConfigError(f"expected {one.name} to be no input (got {path}, {_role(path, holding)})")
     if stream:
         return
     folders = one.kind == FOLDER or (one.kind == BAG and path.suffix != ".mcap")
@@ -153,6 +153,13 @@ def _check(one: Output, inputs: _Inputs, force: bool) -> None:
         raise ConfigError(f"expected {one.name} to be new, or {one.kind} (got {path}, which is {found})")
     if not (force or (one.in_place and found == one.kind)):
         raise ConfigError(f"expected a new file, or --force to replace one (got {path}, which exists)")
+
+
+def _role(path: Path, holding: Path) -> str:
+    """How an output is an input, or in one."""
+    if path == holding:
+        return "which is read"
+    return f"a part of {holding}, which is read" if holding.is_dir() else f"which is {holding}, which is read"
 
 
 def _check_apart(outputs: Sequence[Output]) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import math
 import re
+import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -17,14 +19,21 @@ from PIL import Image
 
 from semloc_core.report.colours import INK
 
-WIDTH = 5.6
+WIDTH = 4.6
 """Inches. Drawn this narrow, a figure's text is still read when it is scaled to a telephone's width."""
+TEXT = 11.5
+"""Size of a figure's text, points; smaller text would make it scroll on a telephone."""
+LEAST_PX = 11.0
+"""No text of a figure is smaller than this on any screen, in pixels of a page: a narrower screen scrolls the figure."""
 # Any: which keys and values matplotlib's stubs allow differs from version to version.
 _STYLE: Any = {
     "font.family": ["DejaVu Sans", "sans-serif"],
-    "font.size": 10.5,
-    "axes.titlesize": 11,
-    "axes.labelsize": 10.5,
+    "font.size": TEXT,
+    "axes.titlesize": TEXT,
+    "axes.labelsize": TEXT,
+    "xtick.labelsize": TEXT,
+    "ytick.labelsize": TEXT,
+    "legend.fontsize": TEXT,
     "text.color": INK,
     "axes.edgecolor": INK,
     "axes.labelcolor": INK,
@@ -65,11 +74,9 @@ def bare(axes: Axes) -> None:
     axes.set_axisbelow(True)
 
 
-def legend_below(drawn: Figure, axes: Axes, gap: float) -> None:
-    """A legend of what has a label, three in a row under the picture, ``gap`` between a mark and its words; or none."""
-    handles, labels = axes.get_legend_handles_labels()
-    if handles:
-        drawn.legend(handles, labels, loc="outside lower center", ncols=3, handletextpad=gap, columnspacing=1.0)
+def folded(words: str, width: int = 44) -> str:
+    """Words for a title or an axis, in lines that a figure `WIDTH` wide holds."""
+    return "\n".join(textwrap.wrap(words, width))
 
 
 def points(values: ArrayLike) -> NDArray[np.float64]:
@@ -83,7 +90,9 @@ def shown(name: str) -> str:
 
 
 def to_svg(drawn: Figure, key: str, description: str) -> str:
-    """An ``<svg>`` element to put into a page: no fixed size, ids of its own, the page's text colour, no date.
+    """An ``<svg>`` element to put into a page: as wide as its column, ids of its own, the page's text colour, no date.
+
+    It says how narrow it may become (`LEAST_PX`).
 
     Args:
         drawn: the figure.
@@ -107,9 +116,14 @@ def to_svg(drawn: Figure, key: str, description: str) -> str:
     text = re.sub(r"xlink:href=", "href=", text)
     text = re.sub(r'(?<= d=")[^"]*|(?<= x=")[^"]*|(?<= y=")[^"]*', _rounded, text)
     text = re.sub(re.escape(INK), "currentColor", text, flags=re.IGNORECASE)
-    view = re.search(r'viewBox="[^"]*"', text)
+    view = re.search(r'viewBox="\S+ \S+ (\S+) \S+"', text)
     assert view is not None
-    opening = f'<svg class="drawing" {view.group(0)} role="img" aria-label="{_attribute(description)}">'
+    sizes = [float(size) for size in re.findall(r"font(?:-size)?: [^;\"]*?([\d.]+)px", text)]
+    least = math.ceil(float(view.group(1)) * LEAST_PX / min(sizes)) if sizes else 0
+    opening = (
+        f'<svg class="drawing" {view.group(0)} style="min-width:{least}px" role="img" '
+        f'aria-label="{_attribute(description)}">'
+    )
     return opening + text[text.index(">") + 1 :].rstrip()
 
 

@@ -92,7 +92,7 @@ def draw_building(axes: Axes, plan: Plan, *, objects: bool = False) -> None:
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal", adjustable="box")
-    axes.xaxis.set_major_locator(MaxNLocator(7, integer=True))
+    axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
     axes.yaxis.set_major_locator(MaxNLocator(7, integer=True))
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")

@@ -11,7 +11,7 @@ from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.encoding import Model, embed_graph, embed_places, similarity_matrix
 from semloc_core.graph import Floats, GraphArrays, Ints
-from semloc_core.metrics import Row
+from semloc_core.metrics import Progress, Row, no_progress
 from semloc_core.sources import WalkConfig, walks_through
 from semloc_core.training.config import PERTURBATIONS
 from semloc_core.training.split import PARTS, Split
@@ -28,7 +28,11 @@ Asked = tuple[int, GraphArrays, Ints, Floats]
 
 
 def own_validation(
-    models: Mapping[str, Model], graphs: Sequence[GraphArrays], splits: Sequence[Split], seed: int
+    models: Mapping[str, Model],
+    graphs: Sequence[GraphArrays],
+    splits: Sequence[Split],
+    seed: int,
+    progress: Progress = no_progress,
 ) -> list[Row]:
     """Judge models on another run through their own buildings, as a detector would see it (`PERTURBATIONS`).
 
@@ -42,6 +46,7 @@ def own_validation(
         graphs: the buildings, as mapped.
         splits: their splits as in training.
         seed: of the runs and walks.
+        progress: called with what is done of the runs made, and then of the queries of all models.
 
     Returns:
         For each model and scope: ``queries`` and ``success@N`` for N in `metrics.RANKS`, right being within 4 m in the
@@ -53,6 +58,7 @@ def own_validation(
     for b, (graph, split) in enumerate(zip(graphs, splits, strict=True)):
         held_out, asked = int(split.mask("test").sum()), 0
         for run in range(MOST_RUNS):
+            progress(b * MOST_RUNS + run, len(graphs) * MOST_RUNS, "another run through each building")
             if not held_out or asked >= QUERIES / len(graphs):
                 break
             rng = np.random.default_rng([seed, _STREAM, b, run])
@@ -62,12 +68,23 @@ def own_validation(
             asked += len(whole[-1][2])
             if first.encoder.extraction.kind == "reach":
                 parts += _fragments(b, seen, test, rng)
-    return [
-        row
-        for name, model in models.items()
-        for scope, asked_of in (("whole", whole), ("fragment", parts))
-        if (row := _judge(name, model, scope, asked_of, graphs)) is not None
-    ]
+    done, total = 0, len(models) * (len(whole) + len(parts))
+    rows: list[Row] = []
+    for name, model in models.items():
+        progress(done, total, name)
+        database = np.concatenate([embed_graph(model, graph) for graph in graphs])
+        for scope, asked_of in (("whole", whole), ("fragment", parts)):
+            right: list[NDArray[np.bool_]] = []
+            for query in asked_of:
+                if len(query[2]):
+                    right.append(_right(model, query, graphs, database))
+                done += 1
+                progress(done, total, f"{name}, {scope}")
+            if right:
+                hits = np.concatenate(right)
+                row: Row = {"method": name, "scope": scope, "queries": len(hits)}
+                rows.append(row | {f"success@{n}": float(hits[:, :n].any(axis=1).mean()) for n in metrics.RANKS})
+    return rows
 
 
 _STREAM = 9
@@ -84,19 +101,14 @@ def _fragments(building: int, seen: GraphArrays, test: NDArray[np.bool_], rng: n
     return found
 
 
-def _judge(name: str, model: Model, scope: str, asked: Sequence[Asked], graphs: Sequence[GraphArrays]) -> Row | None:
-    database = np.concatenate([embed_graph(model, graph) for graph in graphs])
+def _right(
+    model: Model, query: Asked, graphs: Sequence[GraphArrays], database: NDArray[np.float32]
+) -> NDArray[np.bool_]:
+    """(B, N) whether each of a query's places is right at each rank; ``database``: (M, D), of the graphs' places."""
     positions = np.concatenate([graph.place_positions for graph in graphs])
     building = np.repeat(np.arange(len(graphs)), [graph.n_places for graph in graphs])
-    right: list[NDArray[np.bool_]] = []
-    for b, graph, places, truth in asked:
-        if not len(places):
-            continue
-        best = metrics.top(similarity_matrix(embed_places(model, graph, places), database), max(metrics.RANKS))
-        away = np.linalg.norm(positions[best] - truth[:, None], axis=2)
-        right.append((away <= MATCH_RADIUS_M) & (building[best] == b))
-    if not right:
-        return None
-    hits = np.concatenate(right)
-    row: Row = {"method": name, "scope": scope, "queries": len(hits)}
-    return row | {f"success@{n}": float(hits[:, :n].any(axis=1).mean()) for n in metrics.RANKS}
+    b, graph, places, truth = query
+    best = metrics.top(similarity_matrix(embed_places(model, graph, places), database), max(metrics.RANKS))
+    away = np.linalg.norm(positions[best] - truth[:, None], axis=2)
+    found: NDArray[np.bool_] = (away <= MATCH_RADIUS_M) & (building[best] == b)
+    return found

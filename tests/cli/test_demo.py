@@ -33,3 +33,18 @@ def test_what_goes_wrong_ends_it(semloc, monkeypatch, tmp_path) -> None:
     run = commands.run
     monkeypatch.setattr(commands, "run", lambda words: run(words) if words[0] == "demo" else 2)
     assert semloc("demo", "-o", tmp_path / "shown").code == 2
+
+
+@pytest.mark.parametrize("file", ["results.mcap", "figures.json", "report.html", "run.mcap"])
+def test_what_is_there_is_found_before_a_word_is_said(semloc, write_corridor, monkeypatch, tmp_path, file) -> None:
+    run = commands.run
+    monkeypatch.setattr(commands, "run", lambda words: run(words) if words[0] == "demo" else 0)
+    home = write_corridor(tmp_path / "home.json", ["chair", "couch"])
+    folder = tmp_path / "shown"
+    folder.mkdir()
+    (folder / file).write_text("mine")
+    said = semloc("demo", home, "-o", folder)
+    assert (said.code, said.out) == (2, "")
+    assert f"(got {folder / file}, which is text)" in said.err
+    assert semloc("demo", home, "-o", folder, "--force").code == 2, "of another kind"
+    assert (semloc("demo", "-o", folder).code == 0) == (file == "run.mcap"), "that one is made of a building alone"

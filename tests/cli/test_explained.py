@@ -2,7 +2,7 @@
 
 import pytest
 
-from semloc_core.cli.explain import _nearest
+from semloc_core.cli.explain import _nearest, _Point
 from semloc_core.cli.explained import print_answer, print_brief, print_explanation
 from semloc_core.errors import GraphError
 from semloc_core.graph.scene_graph import SceneGraph
@@ -25,17 +25,40 @@ from semloc_core.wire.messages import (
 GRAPH = SceneGraph(places={"a": (0.0, 0.0, 0.0), "b": (3.0, 0.0, 2.0)}, neighbours={"a": {}, "b": {}})
 
 
+def near(said: str) -> _Point:
+    return _Point.of("--near", said)
+
+
+def test_a_point_is_read_before_anything_else(semloc, write_corridor, tmp_path, monkeypatch) -> None:
+    home = write_corridor(tmp_path / "home.json", ["chair", "couch"])
+    assert semloc("map", "build", home, "-o", tmp_path / "home.map").code == 0
+    words = ("explain", tmp_path / "home.map", home)
+
+    def never(*_: object) -> None:
+        raise AssertionError("the long work was begun")
+
+    monkeypatch.setattr("semloc_core.cli.explain.read_graph_or_run", never)
+    for wrong in ("--near", "--place-near"):
+        said = semloc(*words, "--near", "0,0", wrong, "here")
+        assert (said.code, said.err) == (2, f"semloc: expected {wrong} as X,Y or X,Y,Z in metres (got here)\n")
+    said = semloc(*words, "--near", "0,0", "--place-near", "0,500")
+    assert said.code == 2
+    assert "within 4 m of --place-near 0,500 (got 500.0 m to p" in said.err
+    assert "got both" in semloc(*words, "--near", "0,0", "--query", "p0").err
+    assert "got more" in semloc(*words, "--near", "0,0", "--place-near", "0,0", "--rival", 1).err
+
+
 def test_the_nearest_place_is_said_to_be_as_far_as_it_is() -> None:
-    assert _nearest(GRAPH.places, "2,1", 4.0) == ("b", ", 1.41 m from 2,1"), "without a height, in the plane"
-    assert _nearest(GRAPH.places, "2,1,0", 4.0) == ("a", ", 2.24 m from 2,1,0")
+    assert _nearest(GRAPH.places, near("2,1"), 4.0) == ("b", ", 1.41 m from 2,1"), "without a height, in the plane"
+    assert _nearest(GRAPH.places, near("2,1,0"), 4.0) == ("a", ", 2.24 m from 2,1,0")
 
 
 def test_a_point_far_from_every_place_is_refused_unless_that_is_allowed() -> None:
     with pytest.raises(
         GraphError, match=r"within 4 m of --near 30,4 \(got 27.3 m to b at \(3.00, 0.00, 2.00\); --within"
     ):
-        _nearest(GRAPH.places, "30,4", 4.0)
-    assert _nearest(GRAPH.places, "30,4", 28.0)[0] == "b"
+        _nearest(GRAPH.places, near("30,4"), 4.0)
+    assert _nearest(GRAPH.places, near("30,4"), 28.0)[0] == "b"
 
 
 def match(rank: int, place: str, similarity: float) -> Match:

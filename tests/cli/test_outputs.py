@@ -44,6 +44,8 @@ def test_an_input_by_any_name_is_no_output(semloc, write_corridor, tmp_path, opt
         said = semloc(*command, option, tmp_path / name, "--force")
         assert (said.code, len(said.err.splitlines())) == (2, 1), said
         assert "to be no input" in said.err
+        how = "which is read" if name == "home.json" else f"which is {graph}, which is read"
+        assert said.err.endswith(f"(got {tmp_path / name}, {how})\n")
         assert graph.read_bytes() == before
 
 

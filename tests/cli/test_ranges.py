@@ -14,6 +14,7 @@ import typer.main
 
 import semloc_core
 from semloc_core.cli import app, main
+from semloc_core.cli.shared.words import kind, limits, name
 from semloc_core.config import checked
 from semloc_core.errors import ConfigError
 
@@ -77,54 +78,67 @@ def test_a_nested_option_and_an_item_of_a_list_are_named_with_their_range() -> N
 
 
 def commands(command: Any, words: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
-    for name, sub in getattr(command, "commands", {}).items():
-        yield from commands(sub, (*words, name))
+    for word, sub in getattr(command, "commands", {}).items():
+        yield from commands(sub, (*words, word))
     if not hasattr(command, "commands"):
         yield words, command
 
 
-def limits(option: Any) -> tuple[float | None, float | None]:
-    """Least and largest value; the libraries of different versions keep them in different places."""
-    kind = getattr(option, "type", None)
-    return tuple(getattr(option, side, None) or getattr(kind, side, None) for side in ("min", "max"))
-
-
 OPTIONS = {
-    f"{' '.join(words)} {option.opts[0]}": (words, option.opts[0], limits(option))
+    f"{' '.join(words)} {option.opts[0]}": (words, command, option)
     for words, command in commands(typer.main.get_command(app))
     for option in command.params
-    if any(
-        getattr(of, side, None) is not None for side in ("min", "max") for of in (option, getattr(option, "type", 0))
-    )
+    if kind(option) in (int, float)
 }
+"""Every option of every command that takes a number."""
 
 
-def test_commands_have_ranged_options() -> None:
-    assert len(OPTIONS) > 40, sorted(OPTIONS)
+def test_commands_have_options_with_numbers() -> None:
+    assert len(OPTIONS) > 80, sorted(OPTIONS)
+    assert "bag simulate --range" in OPTIONS
+    assert "bench fleet --homes" in OPTIONS
 
 
 @pytest.mark.parametrize("which", OPTIONS)
-def test_a_command_names_the_bound_that_is_broken_of_its_option(which: str, monkeypatch: Any, capsys: Any) -> None:
-    words, name, (low, high) = OPTIONS[which]
-    low = low or 0  # where it is none, no option has another
-    for wrong in (low - 1, *([high + 1] if high is not None else [])):
-        monkeypatch.setattr(sys, "argv", ["semloc", *words, name, str(wrong)])
+def test_a_number_out_of_range_is_refused_before_any_file_is_looked_for(
+    which: str, monkeypatch: Any, capsys: Any, tmp_path: Path
+) -> None:
+    words, command, option = OPTIONS[which]
+    monkeypatch.chdir(tmp_path)
+    needed: list[str] = []
+    for other in command.params:
+        if other.required:
+            needed += ["none"] if other.param_type_name == "argument" else [name(other), "none"]
+    low, high = limits(option)
+    beyond = [high + 1] if high is not None else [10**30]
+    for wrong in (
+        -1 if low is None else low - 1,
+        "nan",
+        "-inf",
+        *beyond,
+        *([0] if low is not None and low > 0 else []),
+    ):
+        monkeypatch.setattr(sys, "argv", ["semloc", *words, *needed, option.opts[0], str(wrong)])
         with pytest.raises(SystemExit, match="2"):
             main()
         said = capsys.readouterr().err
         assert said.count("\n") == 1
-        assert name in said
-        bound = low if wrong < low else high
-        assert re.search(rf"(?<![\d.]){re.escape(f'{bound:g}')}(?![\d.])", said), said
+        assert re.match(rf"semloc: expected {name(option)} to be a (whole )?number( of .*)? \(got '", said), said
+        bound = None if isinstance(wrong, str) else low if wrong < (low or 0) else high
+        if bound is not None:
+            assert re.search(
+                rf"(?<![\d.]){re.escape(f'{bound:.15g}' if isinstance(bound, float) else f'{bound}')}\b", said
+            )
+        assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
     ("option", "value", "said"),
     [
-        ("--range", "-3", "expected range_m to be a number of more than 0 and at most 1000 (got '-3.0')"),
-        ("--range", "1001", "expected range_m to be a number of more than 0 and at most 1000 (got '1001.0')"),
-        ("--speed", "0", "expected speed_mps to be a number of more than 0 and at most 100 (got '0.0')"),
-        ("--rate", "nan", "expected rate_hz to be a number of more than 0 and at most 1000 (got 'nan')"),
+        ("--range", "-3", "expected --range to be a number of more than 0 and at most 1000 (got '-3.0')"),
+        ("--range", "1001", "expected --range to be a number of more than 0 and at most 1000 (got '1001.0')"),
+        ("--speed", "0", "expected --speed to be a number of more than 0 and at most 100 (got '0.0')"),
+        ("--rate", "nan", "expected --rate to be a number of more than 0 and at most 1000 (got 'nan')"),
     ],
 )
 def test_simulate(

@@ -27,6 +27,13 @@ def said(words: list[str], monkeypatch, capsys) -> tuple[int, str, str]:
         (["map", "build"], "GRAPH|RUN", "semloc map build"),
         (["replay", "run.mcap"], "--map", "semloc replay"),
         (["replay", "run.mcap", "--map", "a.map", "--top-n", "ten"], "--top-n", "semloc replay"),
+        (["explain", "a.map", "b.json", "--near"], "--near", "semloc explain"),
+        (["replay", "run.mcap", "--map", "a.map", "--top-n=1.5"], "a whole number (got '1.5')", "semloc replay"),
+        (
+            ["graph", "from-nav2", "a", "b", "-o", "c", "--radius", "50"],
+            "at most 10 (got '50')",
+            "semloc graph from-nav2",
+        ),
         (["train", "a.json", "-o", "a.model", "--loss", "gain"], "infonce", "semloc train"),
         (["train", "a.json", "-o", "a.model", "--seed", "-1"], "--seed", "semloc train"),
     ],

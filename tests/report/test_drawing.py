@@ -8,7 +8,7 @@ from PIL import Image
 from svg_marks import Marks
 
 from semloc_core.report.colours import INK, OTHER_STYLE, ClassLooks, styles
-from semloc_core.report.drawing import figure, to_png, to_svg
+from semloc_core.report.drawing import LEAST_PX, TEXT, WIDTH, figure, to_png, to_svg
 
 
 def drawing() -> Figure:
@@ -90,3 +90,21 @@ def test_a_class_whose_name_begins_with_an_underscore_is_in_the_legend(name):
 
     marks = Marks(importance_figure([name], {"saliency": [1.0]}, ClassLooks([name], [name])))
     assert any(label.lstrip("\u200b") == name for label in marks.labels)
+
+
+@pytest.mark.parametrize("size", [6.0, 11.5, 30.0])
+def test_a_drawing_says_how_narrow_its_smallest_text_lets_it_become(size):
+    with figure(2.0) as drawn:
+        drawn.add_subplot().set_title("small", fontsize=size)
+    text = to_svg(drawn, "k", "d")
+    width = float(re.search(r'viewBox="0 0 (\S+) ', text).group(1))
+    narrowest = float(re.search(r'style="min-width:(\d+)px"', text).group(1))
+    smallest = min(size, TEXT)
+    assert width == pytest.approx(72 * WIDTH)
+    assert LEAST_PX <= smallest * narrowest / width < LEAST_PX + 0.5
+
+
+def test_a_drawing_in_the_reports_style_fits_a_telephone():
+    """360 px, less the page's and the card's margins."""
+    narrowest = float(re.search(r'style="min-width:(\d+)px"', to_svg(drawing(), "k", "d")).group(1))
+    assert narrowest <= 360 - 2 * (8 + 10 + 1)

@@ -1,5 +1,8 @@
 """What is a run: topics, robots, truth, Hydra's own messages, JSON text; each with what it must give."""
 
+import logging
+import re
+
 import numpy as np
 import pytest
 import zstandard
@@ -93,6 +96,39 @@ def test_several_robots_are_a_run_each_the_first_by_default(tmp_path):
     }
 
 
+def test_a_run_that_was_cut_off_says_what_is_lost_and_that_the_rest_is_used(tmp_path, caplog):
+    path = tmp_path / "run.mcap"
+    with BagWriter(path, chunk_bytes=2000) as bag:
+        for i, text in enumerate(texts(20)):
+            bag.write_string("/scene_graph", i, text)
+    raw = path.read_bytes()
+    path.write_bytes(raw[: len(raw) // 2])
+    run = Run(path)
+    with caplog.at_level(logging.WARNING, "semloc_core"):
+        found = sum(message.text is not None for message in run)
+    assert 0 < found < 20
+    said = re.search(r"is cut off: its last ([\d,]+) bytes, all that follows its last whole chunk, can't", caplog.text)
+    assert said is not None
+    lost = int(said[1].replace(",", ""))
+    assert 0 < lost < len(raw) // 2
+    path.write_bytes(raw[: len(raw) // 2 - lost])
+    assert sum(message.text is not None for message in Run(path)) == found, "what is lost has no message in it"
+    assert f"; the {found} messages before are used" in caplog.text
+    path.write_bytes(raw[:500])
+    with pytest.raises(BagError, match=r"run\.mcap, cut off before its first chunk ends\)$"):
+        Run(path)
+
+
+def test_a_folder_that_holds_a_map_or_nothing_is_no_bag(tmp_path):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "home.map").write_bytes(b"SQLite format 3\x00" + bytes(52) + b"SEML" + bytes(100))
+    for folder in (tmp_path / "folder", tmp_path / "folder" / "home.map"):
+        with pytest.raises(BagError, match=r"^expected a (bag|run)[^\n]*\(got [^\n]*\)$") as refused:
+            Run(folder)
+        assert "storage" not in str(refused.value)
+    assert "which is a map" in str(refused.value)
+
+
 def test_zeros_from_within_a_chunk_on_are_a_run_that_was_cut_off(tmp_path):
     path = tmp_path / "run.mcap"
     with BagWriter(path, chunk_bytes=2000) as bag:
@@ -136,7 +172,7 @@ def test_json_text_with_an_update_a_line_is_a_run(tmp_path):
     assert graph_at_end(path).places == SceneGraph.from_update(UPDATE).places
     (tmp_path / "graph.json").write_text('{"nodes": [], "edges": []}')
     assert not is_run(tmp_path / "graph.json")
-    with pytest.raises(BagError, match="which is neither"):
+    with pytest.raises(BagError, match=r"which is a scene graph; semloc bag simulate walks through one\)$"):
         Run(tmp_path / "graph.json")
 
 

@@ -55,7 +55,15 @@ def test_own_validation_asks_all_models_the_same_and_tells_a_good_one_from_a_bli
         assert good["queries"] == bad["queries"] > 0
         assert good["success@1"] <= good["success@5"] <= good["success@10"] <= 1
         assert good["success@1"] > bad["success@1"]
-    assert rows == own_validation({"rings": rings, "blind": Model(blind, LABELS)}, graphs, splits, 0)
+    told: list[tuple[int, int, str]] = []
+    again = own_validation(
+        {"rings": rings, "blind": Model(blind, LABELS)}, graphs, splits, 0, lambda *n: told.append(n)
+    )
+    assert rows == again
+    judged = [said for said in told if said[2].partition(",")[0] in ("rings", "blind")]
+    assert told[0][0] == 0, "before the first run is made"
+    assert [done for done, _, _ in judged] == sorted(done for done, _, _ in judged)
+    assert judged[-1][0] == judged[-1][1] > len(graphs)
 
 
 def test_own_validation_of_message_passing_has_whole_graphs_only() -> None:

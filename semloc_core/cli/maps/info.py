@@ -13,6 +13,7 @@ from semloc_core.cli.shared.common import Json, write_json
 from semloc_core.cli.shared.map_places import MapPlace, server_map, to_read
 from semloc_core.cli.shared.screen import console, cut, many, plain_table, print_whole
 from semloc_core.fleet import is_address
+from semloc_core.text import percent
 
 if TYPE_CHECKING:
     from semloc_core.encoding import Model
@@ -123,6 +124,7 @@ def _good_for(map_: ReadableMap, model: str) -> tuple[list[str], list[Row]]:
         floor.reshape(-1),
         [(len(part.ids), graph) for part, graph in zip(parts, graphs, strict=True)],
     )
+    rooms = [name for name, share in zip(names, found.doubled.tolist(), strict=True) if share >= REPEATS]
     twins = [" = ".join(names[f] for f in group) for group in found.twins]
     half, most = found.needed
     bare = int((found.near == 0).sum())
@@ -137,9 +139,9 @@ def _good_for(map_: ReadableMap, model: str) -> tuple[list[str], list[Row]]:
         if twins
         else "Look-alikes: no building or storey is the twin of another."
         if len(floors) > 1
-        else "Look-alikes: there is one storey, so no other to take it for.",
+        else "Look-alikes: no other building or storey is in this map"
+        + ("." if rooms else f"; of this one's places {percent(found.doubled[0])} are like another far off in it."),
     ]
-    rooms = [name for name, share in zip(names, found.doubled.tolist(), strict=True) if share >= REPEATS]
     if rooms:
         itself = "repeats itself" if len(rooms) == 1 else "repeat themselves"
         said.append(

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from semloc_core.cli.shared.common import building_name, note, read_graph
+from semloc_core.cli.shared.foreign_classes import tell_numbers
 from semloc_core.cli.shared.screen import many
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ def choose_model(named: str | None, inputs: Sequence[Path], reading: Reading) ->
         return model
     files = [read_graph(path, reading) for path in inputs]
     space = reading.classes_of([file.labelspace for file in files])
+    tell_numbers(space, reading)
     model = general_model(
         [GraphArrays.from_scene_graph(f.graph, space, building_name(p)) for p, f in zip(inputs, files, strict=True)],
         space,

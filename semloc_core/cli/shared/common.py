@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from semloc_core.sources import HydraFile
 
 
-Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, max=2**63 - 1, help="Seed of everything random.")]
 Json = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", parser=Writes(FIGURES), help="Write the figures as JSON.")
 ]

@@ -15,7 +15,7 @@ LEAST_KNOWN = 0.5
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from semloc_core.graph import Labelspace, SceneGraph
+    from semloc_core.graph import Labelspace, Reading, SceneGraph
 
 AllowUnknown = Annotated[
     bool,
@@ -42,6 +42,12 @@ def report_unknown_classes(unknown: Mapping[str, int], where: str, *, advise: bo
         note(f"{where}: objects of classes that the labelspace lacks are not used: {listed}")
         if advise and all_numbers(unknown):
             note(f"{where}: it has numbers in place of class names: {advice(unknown)}")
+
+
+def tell_numbers(space: Labelspace, reading: Reading) -> None:
+    """Say that all classes are numbers, where the person did not say what they mean."""
+    if reading.said is None and space.classes and all(name.startswith("class_") for name in space.classes):
+        note("the graphs have numbers in place of class names; if you know which classes they are, use --labelspace")
 
 
 def check_classes(graph: SceneGraph, space: Labelspace, where: str, *, allow_unknown: bool) -> None:

@@ -15,6 +15,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
+from semloc_core.cli.shared.words import check_numbers, name
 from semloc_core.files import FOLDER, Output, guarded
 
 FORCE = "Replace what is there, if it is of the same kind; an input never."
@@ -93,13 +94,8 @@ def _force_option() -> Any:
     return next(parameter for parameter in get_command(own).params if parameter.name == "force")
 
 
-def _said(parameter: Any) -> str:
-    """An option's long name, an argument's word."""
-    return max(parameter.opts, key=len) if parameter.param_type_name == "option" else str(parameter.metavar)
-
-
 class _Guarded:
-    """A command whose outputs are checked before it is called."""
+    """A command whose numbers and outputs are checked before it is called."""
 
     params: list[Any]
 
@@ -111,13 +107,14 @@ class _Guarded:
 
     def invoke(self, ctx: Any) -> Any:
         """Check, then call."""
+        check_numbers(self.params, ctx.params)
         force = bool(ctx.params.pop("force", False) if self._asked else ctx.params["force"])
         outputs: list[Output] = []
         inputs: list[Path] = []
         for parameter in self.params:
             value, how = ctx.params.get(parameter.name or ""), writes(parameter)
             if how is not None and value is not None:
-                outputs += how.outputs(_said(parameter), value, ctx.params)
+                outputs += how.outputs(name(parameter), value, ctx.params)
             elif is_read(parameter) and value:
                 inputs += [Path(each) for each in (value if isinstance(value, (list, tuple)) else [value])]
         with guarded(outputs, inputs, force=force):

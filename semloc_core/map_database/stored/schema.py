@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from semloc_core.errors import MapError
-from semloc_core.files import APPLICATION_ID, link_new, scratch_folder
+from semloc_core.files import APPLICATION_ID, MAP, link_new, other_kind, scratch_folder
 from semloc_core.map_database.stored.records import keep_storeys
 
 FORMAT_VERSION = 3
@@ -248,10 +248,11 @@ def _connect(path: Path, options: str = "") -> sqlite3.Connection:
         with path.open("rb") as file:
             header = file.read(100)
         if len(header) < 100 or not header.startswith(b"SQLite format 3\0"):
-            found = "an empty file" if not header else "a file that is not SQLite's"
+            found = other_kind(path, MAP) or ("an empty file" if not header else "a file that is not SQLite's")
             raise MapError(f"expected a map file (got {found}: {path})")
         if int.from_bytes(header[68:72], "big") != APPLICATION_ID:
-            raise MapError(f"expected a map file (got an SQLite file of something else: {path})")
+            found = other_kind(path, MAP) or "an SQLite file of something else"
+            raise MapError(f"expected a map file (got {found}: {path})")
         uri = f"{path.resolve().as_uri()}?mode=rw{options}"
         connection = sqlite3.connect(uri, uri=True, timeout=BUSY_TIMEOUT_S, isolation_level=None)
         try:

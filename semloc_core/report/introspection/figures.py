@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -11,36 +12,33 @@ from numpy.typing import ArrayLike
 
 from semloc_core.graph import Floats
 from semloc_core.report.colours import INK, SCALE, ClassLooks, styles
-from semloc_core.report.drawing import WIDTH, bare, figure, shown
+from semloc_core.report.drawing import TEXT, bare, figure, folded, shown
 from semloc_core.text import short_repr
 
 CONTROL_LINES: tuple[tuple[int, tuple[float, ...]], ...] = ((0, (1, 1.5)), (0, (4, 2.5)), (0, (6, 2, 1, 2)))
 
 
-def matrices_figure(matrices: Mapping[str, ArrayLike]) -> Figure:
-    """Place–query matrices side by side (the paper's truth, bag of words and model).
+def matrix_figure(title: str, matrix: ArrayLike) -> Figure:
+    """A place–query matrix (of the paper's truth, bag of words or model).
 
-    Each has its own scale, from its least to its largest value, as the bar below it says: encoders spread their
-    similarities differently, and what is compared is the pattern.
+    Its scale goes from its least to its largest value, as the bar says: encoders spread their similarities
+    differently, and what is compared is the pattern.
 
     Args:
-        matrices: title -> (Q, P), a query a row; similarities, or 1 where the place is right and 0 elsewhere. All
-            have one shape; let neighbours in the building be neighbours in the order, so that a diagonal is seen.
+        title: whose it is.
+        matrix: (Q, P), a query a row; similarities, or 1 where the place is right and 0 elsewhere. Let neighbours in
+            the building be neighbours in the order, so that a diagonal is seen.
 
     """
-    values = {title: np.asarray(matrix, dtype=np.float64) for title, matrix in matrices.items()}
-    shapes = {matrix.shape for matrix in values.values()}
-    assert len(shapes) == 1, shapes
-    with figure(2.6) as drawn:
-        row = drawn.subplots(1, len(values), sharey=True, squeeze=False)[0]
-        for number, (axes, (title, matrix)) in enumerate(zip(row, values.items(), strict=True)):
-            image = axes.imshow(matrix, cmap=SCALE, aspect="auto", gid=f"matrix-{number}")
-            axes.set_title(title)
-            axes.set_xlabel("place")
-            axes.tick_params(labelsize=8.5)
-            bar = drawn.colorbar(image, ax=axes, location="bottom", shrink=0.9, aspect=14)
-            bar.ax.tick_params(labelsize=8.5)
-        row[0].set_ylabel("query")
+    values = np.asarray(matrix, dtype=np.float64)
+    assert values.ndim == 2, values.shape
+    with figure(3.6) as drawn:
+        axes = drawn.add_subplot()
+        image = axes.imshow(values, cmap=SCALE, aspect="auto", gid="matrix")
+        axes.set_title(title, loc="left")
+        axes.set_xlabel("place")
+        axes.set_ylabel("query")
+        drawn.colorbar(image, ax=axes)
     return drawn
 
 
@@ -58,7 +56,8 @@ def importance_figure(classes: Sequence[str], importance: Mapping[str, ArrayLike
         assert values.shape == (len(classes),), values.shape
     scaled = {name: values / max(float(np.abs(values).max(initial=0.0)), 1e-300) for name, values in scores.items()}
     rank = np.argsort(-np.mean(list(scaled.values()), axis=0), kind="stable")
-    with figure(0.9 + 1.15 * len(scores)) as drawn:
+    legend = 0.25 * math.ceil(len(set(classes)) / 2)
+    with figure(1.0 + 1.15 * len(scores) + legend) as drawn:
         column = drawn.subplots(len(scores), 1, sharex=True, squeeze=False)[:, 0]
         handles = {}
         for number, (axes, (name, values)) in enumerate(zip(column, scaled.items(), strict=True)):
@@ -75,9 +74,12 @@ def importance_figure(classes: Sequence[str], importance: Mapping[str, ArrayLike
                 )  # fmt: skip
             axes.set_title(name.replace("_", " "), loc="left")
             axes.set_ylim(min(-0.05, float(values.min(initial=0.0)) - 0.05), 1.1)
-        column[-1].set_xlabel("objects, by mean importance over all explainers")
-        drawn.supylabel("importance (largest = 1)", fontsize=10.5)
-        drawn.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=3, handletextpad=0.2)
+        column[-1].set_xlabel(folded("objects, by mean importance over all explainers"))
+        drawn.supylabel("importance (largest = 1)", fontsize=TEXT)
+        drawn.legend(
+            list(handles.values()), list(handles), loc="outside lower center", ncols=2, handletextpad=0.2,
+            columnspacing=1.0,
+        )  # fmt: skip
     return drawn
 
 
@@ -128,8 +130,8 @@ def fidelity_figure(budgets: ArrayLike, curves: Mapping[str, FidelityCurves]) ->
                     )[0]  # fmt: skip
                 handles[shown(name.replace("_", " ") + (" (control)" if curve.control else ""))] = line
             axes.set_title(f"{attribute}: {label}", loc="left")
-        column[-1].set_xlabel("budget ρ: fraction of objects removed (Δ⁺) or kept (Δ⁻)")
-        drawn.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=2)
+        column[-1].set_xlabel(folded("budget ρ: fraction of objects removed (Δ⁺) or kept (Δ⁻)"))
+        drawn.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=1)
     return drawn
 
 
@@ -142,7 +144,7 @@ def randomisation_figure(layers: Sequence[str], correlation: Mapping[str, Sequen
 
     """
     look = styles(list(correlation))
-    with figure(3.4) as drawn:
+    with figure(4.2) as drawn:
         axes = drawn.add_subplot()
         bare(axes)
         axes.axhline(0.0, color=INK, alpha=0.4, linewidth=0.8)
@@ -152,11 +154,17 @@ def randomisation_figure(layers: Sequence[str], correlation: Mapping[str, Sequen
                 range(len(layers) + 1), [1.0, *values], color=style.colour, ls=style.line, marker=style.marker, ms=5,
                 lw=1.6, mec=INK, mew=0.3, gid=f"shuffled-{number}", label=shown(name.replace("_", " ")),
             )  # fmt: skip
-        axes.set_xticks(range(len(layers) + 1), ["none", *(f"+ {layer}" for layer in layers)])
+        axes.set_xticks(
+            range(len(layers) + 1),
+            ["none", *(f"+ {layer}" for layer in layers)],
+            rotation=35,
+            ha="right",
+            rotation_mode="anchor",
+        )
         axes.set_xlabel("layers shuffled")
         axes.set_ylabel("rank correlation")
         axes.set_ylim(min(-0.25, axes.get_ylim()[0]), 1.05)
-        drawn.legend(loc="outside lower center", ncols=2)
+        drawn.legend(loc="outside lower center", ncols=1)
     return drawn
 
 
@@ -173,9 +181,11 @@ def shift_figure(classes: ClassLooks, shift: ArrayLike, drop: ArrayLike, correla
     x, y = (np.asarray(values, dtype=np.float64).reshape(len(classes.order), -1) for values in (shift, drop))
     assert x.shape == y.shape, (x.shape, y.shape)
     own = classes.own
-    with figure(3.6, WIDTH) as drawn:
+    with figure(4.0) as drawn:
         axes = drawn.add_subplot()
         bare(axes)
+        named: list[tuple[float, float]] = []
+        across, up = (max(float(np.ptp(values)), 1e-12) for values in (x, y))
         for number, name in enumerate(classes.order):
             style = classes[name]
             axes.scatter(
@@ -185,12 +195,14 @@ def shift_figure(classes: ClassLooks, shift: ArrayLike, drop: ArrayLike, correla
             # The name stands at the highest mark: a legend would make the reader match shapes.
             top = int(np.argmax(y[number]))
             at = (float(x[number, top]), float(y[number, top]))
-            if name in own:  # more names than have looks of their own would be written over each other
-                axes.annotate(name, at, (0, 7), textcoords="offset points", ha="center", fontsize=9)
+            free = all(abs(at[0] - a) > 0.3 * across or abs(at[1] - b) > 0.09 * up for a, b in named)
+            if name in own and free:  # names would be written over each other; the table has all
+                named.append(at)
+                axes.annotate(name, at, (0, 7), textcoords="offset points", ha="center")
         axes.margins(0.14)
         axes.axhline(0.0, color=INK, alpha=0.4, linewidth=0.8)
         axes.set_xlabel("shift of attention (JSD / frequency)")
         axes.set_ylabel("change in PR-AUC / frequency")
         if correlation:
-            axes.set_title(correlation, loc="left")
+            axes.set_title(folded(correlation), loc="left")
     return drawn

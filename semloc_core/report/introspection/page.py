@@ -106,7 +106,7 @@ def introspection_page(found: Introspection, name: str) -> Page:
             ("Models", "; ".join(f"seed {run.seed}: {run.model.hash}" for run in runs)),
             ("Encoder", model.encoder.name),
             ("Labelspace", f"{model.labelspace.name}: {len(model.labelspace)} classes, {model.labelspace.hash}"),
-            ("Explainers", ", ".join(methods)),
+            ("Explainers", ", ".join(map(sections.plain, methods))),
             ("Software", f"semloc {__version__}"),
         ),
     )

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from semloc_core.introspection import ABLATION, Matrices, Run, plan_parts, ranking_rows, similarity_to_map, spearman
 from semloc_core.metrics import HIGH, LOW, STD, Row
@@ -14,7 +15,7 @@ from semloc_core.report.drawing import to_svg
 from semloc_core.report.floor_plan import Plan, similarity_figure
 from semloc_core.report.introspection.figures import (
     importance_figure,
-    matrices_figure,
+    matrix_figure,
     shift_figure,
 )
 from semloc_core.report.page import Section, Table
@@ -114,7 +115,8 @@ def shift(runs: Sequence[Run], method: str) -> Section:
     x = np.array([[run.scores(method)[name] for run in runs] for name in names])
     y = np.array([[run.scores(ABLATION)[name] for run in runs] for name in names])
     rho, low, high = spearman(x.mean(1), y.mean(1))
-    words = f"Spearman ρ = {rho:.2f} [{low:.2f}, {high:.2f}], {len(names)} classes, means over {len(runs)} runs"
+    over = f"{len(names)} classes, means over {len(runs)} run{'s' * (len(runs) > 1)}"
+    words = f"Spearman ρ = {rho:.2f} [{low:.2f}, {high:.2f}], {over}"
     each = [spearman(x[:, r], y[:, r])[0] for r in range(len(runs))]
     rows: list[Row] = [
         {
@@ -194,13 +196,15 @@ def plan(run: Run, place: int) -> Section:
 
 def place_query_matrices(found: Matrices) -> Section:
     """Truth, bag of words and model."""
+    drawn: dict[str, ArrayLike] = {"truth": found.truth.astype(np.float64)}
     ours = [name for name in found.similarity if name != "bag_of_words"][-1]
+    drawn |= {name: found.similarity[name] for name in ("bag_of_words", ours)}
     rows: list[Row] = []
     for name, matrix in found.similarity.items():
         right, wrong = matrix[found.truth], matrix[~found.truth]
         rows.append(
             {
-                "method": name,
+                "method": plain(name),
                 "scope": "test places",
                 "PR-AUC": found.pr_auc[name],
                 "mean similarity, right": float(right.mean()) if right.size else None,
@@ -213,17 +217,10 @@ def place_query_matrices(found: Matrices) -> Section:
         "Bright where a query (row) and a place of the map (column) are alike; neighbours stand beside each "
         "other, so right "
         f"answers lie along the diagonal of the first matrix, and the others should look like it. PR-AUC: bag of words "
-        f"{found.pr_auc['bag_of_words']:.3f}, {ours} {found.pr_auc[ours]:.3f}.",
-        to_svg(
-            matrices_figure(
-                {
-                    "truth": found.truth.astype(np.float64),
-                    "bag of words": found.similarity["bag_of_words"],
-                    ours: found.similarity[ours],
-                }
-            ),
-            "matrices",
-            "place-query matrices: truth, bag of words, model",
+        f"{found.pr_auc['bag_of_words']:.3f}, {plain(ours)} {found.pr_auc[ours]:.3f}.",
+        "".join(
+            to_svg(matrix_figure(plain(title), matrix), f"matrix-{number}", f"place-query matrix: {plain(title)}")
+            for number, (title, matrix) in enumerate(drawn.items())
         ),
         [Table(f"{len(found.places)} held-out places", rows)],
         wide=True,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
@@ -21,7 +21,7 @@ from semloc_core.map_database import LoadedMap
 from semloc_core.matching import Located
 from semloc_core.metrics import Progress, Row, no_progress
 from semloc_core.replay import LatencyHistogram, TraversalScore
-from semloc_core.report.replay.frames import Buildings, Frame, candidates_of, look, see, weigh
+from semloc_core.report.replay.frames import Buildings, Candidate, Frame, candidates_of, look, see, weigh
 from semloc_core.report.replay.frames import Truth as TruePose
 from semloc_core.report.replay.thinned import Thinned
 from semloc_core.sources import (
@@ -39,8 +39,10 @@ from semloc_core.text import short_repr
 from semloc_core.wire import yaw_of
 
 T = TypeVar("T")
-FRAMES = 7200
-"""Answers shown at most, an hour at 2 Hz; a longer run is thinned evenly."""
+FRAMES = 7500
+"""Answers shown at most, an hour at 2 Hz and a little; a longer run is thinned evenly."""
+_SAME = 0.005
+"""Probabilities this near are one: of answers recorded on another machine, too."""
 _WAITING = 100
 """Answers that wait for their true position at most."""
 
@@ -59,6 +61,8 @@ class ReplayData:
         p50_ms, p99_ms: latency, where the answers bring it.
         calibrated: whether the probabilities are.
         run: whether the run was at hand: what was seen, and what speaks for the rivals, is known.
+        weighed: shown answers that the run and the map, asked at that moment alone, would not have given: earlier ones
+            weighed in, or other options were set. Only where the run was at hand.
 
     """
 
@@ -72,6 +76,7 @@ class ReplayData:
     p99_ms: float | None = None
     calibrated: bool = False
     run: bool = False
+    weighed: int = 0
 
     @property
     def best(self) -> Frame | None:
@@ -135,7 +140,7 @@ def read_results(
             gathering.said(wire.decode(decode_string(message.data), wire.ClassAttributions))
     if not gathering.data.answers:
         topics = ", ".join(sorted(reader.types)) or "nothing"
-        raise BagError(f"expected answers on {matches} in {results} (got {topics})")
+        raise BagError(f"expected answers on {matches} in {results} (got {topics}; semloc replay RUN -o makes such)")
     data = gathering.finish()
     if updates is not None:
         known = reading or Reading(known=loaded.model.labelspace)
@@ -186,9 +191,18 @@ def _weigh_all(
         for frame in frames:
             assert located is not None
             data.run = True
+            data.weighed += not _same_answer(frame, candidates_of(located.matches, data.buildings))
             done += 1
             weigh(frame, located, data.buildings)
             progress(done, len(data.frames), "")
+
+
+def _same_answer(frame: Frame, alone: Sequence[Candidate]) -> bool:
+    """Whether a frame's best match is that of the answer by itself, and as likely but for rounding."""
+    if not frame.candidates or not alone:
+        return not frame.candidates and not alone
+    said, own = frame.candidates[0], alone[0]
+    return (said.map, said.place) == (own.map, own.place) and abs(said.probability - own.probability) <= _SAME
 
 
 class Gathering:

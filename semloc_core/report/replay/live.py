@@ -31,21 +31,24 @@ class Feed:
     Args:
         loaded: the map.
         tolerance_s: how far apart the stamps of an answer and of its ground truth may be.
+        config: the localiser's options.
 
     """
 
-    def __init__(self, loaded: LoadedMap, tolerance_s: float = TOLERANCE_S) -> None:
+    def __init__(
+        self, loaded: LoadedMap, tolerance_s: float = TOLERANCE_S, config: LocaliserConfig | None = None
+    ) -> None:
+        self._config = config or LocaliserConfig()
         self._gathering = Gathering(loaded, tolerance_s, MOST_FRAMES)
         self._lock = threading.Lock()
         self._done, self._error = False, ""
 
     def run(self, run: Path, reading: Reading, *, topic: str | None = None, robot: str | None = None) -> None:
         """Localise along a run to its end; what goes wrong is said on the page, and raised."""
-        loaded = self._gathering.data.buildings.loaded
-        config = LocaliserConfig()
-        localiser = Localiser(loaded, config)
-        localiser.live.labels = reading.labels()
+        loaded, config = self._gathering.data.buildings.loaded, self._config
         try:
+            localiser = Localiser(loaded, config)
+            localiser.live.labels = reading.labels()
             replay(
                 run, localiser, config, topic=topic, robot=robot, on_answer=self._on_answer, on_truth=self._on_truth
             )  # fmt: skip

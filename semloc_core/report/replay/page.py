@@ -11,7 +11,7 @@ from importlib.resources import files
 import msgspec
 
 from semloc_core import __version__
-from semloc_core.config import MATCH_RADIUS_M
+from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
 from semloc_core.map_database import LoadedMap
 from semloc_core.metrics import Row
 from semloc_core.report.page import Page
@@ -28,7 +28,11 @@ TERMS = (
         f"Within {MATCH_RADIUS_M:g} m of where the robot truly was, in the same building and on the same storey.",
     ),
     ("Wrong", "Any other answer that names a place; one without a place is no answer."),
-    ("Probability", "The localiser's own estimate that its best match is right."),
+    (
+        "Probability",
+        "The localiser's own estimate that a place is right. It is each place's own: places a few metres apart are "
+        "right together, so they need not sum to 100%.",
+    ),
     (
         "Evidence",
         "What the decision rests on, in nats: how much likelier the place makes what the robot sees, object by object. "
@@ -45,6 +49,10 @@ TERMS = (
 )
 
 
+WEIGHED = "Earlier answers weigh in (filter bayes): probabilities count them, evidence is of one answer."
+"""Said of a replay whose answers are weighed by those before them."""
+
+
 class Content(msgspec.Struct):
     """What the page's script reads.
 
@@ -58,6 +66,7 @@ class Content(msgspec.Struct):
         radius: within which an answer is right, metres.
         facts: lines on the replay; ``lacks``: what the page can't show, and why.
         live: whether more frames come.
+        weighed: whether probabilities rest on more than each answer's own evidence.
 
     """
 
@@ -71,6 +80,7 @@ class Content(msgspec.Struct):
     facts: list[str]
     lacks: list[str]
     live: bool = False
+    weighed: bool = False
 
 
 def replay_page(data: ReplayData, loaded: LoadedMap, results_name: str, study: Page | None = None) -> str:
@@ -92,8 +102,16 @@ def replay_page(data: ReplayData, loaded: LoadedMap, results_name: str, study: P
         frames, stride = frames[::2], stride * 2
 
 
-def live_page(loaded: LoadedMap, run_name: str) -> str:
-    """The page that asks its server for frames and buildings, see `semloc_core.report.replay.live`."""
+def live_page(loaded: LoadedMap, run_name: str, config: LocaliserConfig | None = None) -> str:
+    """The page that asks its server for frames and buildings, see `semloc_core.report.replay.live`.
+
+    Args:
+        loaded: the map that answers.
+        run_name: what to call the run.
+        config: the localiser's options.
+
+    """
+    weighed = config is not None and config.filter != "none"
     content = Content(
         title=f"{run_name}, live",
         frames=[],
@@ -103,8 +121,9 @@ def live_page(loaded: LoadedMap, run_name: str) -> str:
         statuses={},
         radius=MATCH_RADIUS_M,
         facts=_facts(loaded),
-        lacks=[],
+        lacks=[WEIGHED] if weighed else [],
         live=True,
+        weighed=weighed,
     )
     return _html(content, loaded, None)
 
@@ -129,6 +148,11 @@ def _content(data: ReplayData, loaded: LoadedMap, name: str, frames: list[Frame]
         lacks.append("The truth is not known: nothing is called right or wrong.")
     elif data.unscored:
         lacks.append(f"Of {data.unscored:,} answers the truth is in no building of this map.")
+    if data.weighed:
+        lacks.append(
+            f"{data.weighed:,} answers are not what the run says at that moment alone: earlier ones weigh in (filter "
+            "bayes), or other options do. Probabilities count that; evidence is each answer's own."
+        )
     if not data.calibrated:
         lacks.append("The probabilities are not calibrated.")
     return Content(
@@ -141,6 +165,7 @@ def _content(data: ReplayData, loaded: LoadedMap, name: str, frames: list[Frame]
         radius=MATCH_RADIUS_M,
         facts=[*facts, *_facts(loaded)],
         lacks=lacks,
+        weighed=data.weighed > 0,
     )
 
 

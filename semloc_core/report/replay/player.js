@@ -42,6 +42,13 @@ function draw(name, attributes, ...inside) {
   made.append(...inside);
   return made;
 }
+// Keeps the keyboard's focus on what bears the same number when it is drawn anew.
+function redrawn(name, make) {
+  const held = document.activeElement && document.activeElement.dataset && document.activeElement.dataset[name];
+  make();
+  const again = held && document.querySelector(`[data-${name}="${held}"]`);
+  if (again) again.focus({ preventScroll: true });
+}
 const percent = (p) => (p > 0 && p < 0.005 ? "<1%" : p < 1 && p >= 0.995 ? ">99%" : `${Math.round(100 * p)}%`);
 const signed = (v) => (Math.abs(v) < 0.005 ? "0" : `${v > 0 ? "+" : "−"}${Math.abs(v).toFixed(Math.abs(v) < 10 ? 2 : 1)}`);
 const clock = (s) => { const t = Math.max(0, s); return `${Math.floor(t / 60)}:${(t % 60).toFixed(1).padStart(4, "0")}`; };
@@ -283,9 +290,7 @@ function plan(f) {
   const metres = [1, 2, 5, 10, 20, 50, 100, 200, 500].find((m) => m / scale > 60) || 1000, x = left + 12 * scale, y = bottom - 12 * scale;
   layer.append(draw("path", { d: `M${x},${y - 5 * scale}V${y}H${x + metres}V${y - 5 * scale}`, fill: "none", stroke: "currentColor", "stroke-width": 2, "vector-effect": "non-scaling-stroke" }),
     Object.assign(draw("text", { x: x + 4 * scale, y: y - 8 * scale, "font-size": 14 * scale }), { textContent: `${metres} m` }));
-  const focused = document.activeElement && document.activeElement.dataset && document.activeElement.dataset.rival;
-  svg.replaceChildren(still(v), layer);
-  if (focused) { const again = svg.querySelector(`[data-rival="${focused}"]`); if (again) again.focus({ preventScroll: true }); }
+  redrawn("rival", () => svg.replaceChildren(still(v), layer));
   switches(v);
 }
 function switches(v) {
@@ -302,7 +307,7 @@ function switches(v) {
   if (group.dataset.state !== state) {
     group.dataset.state = state;
     group.replaceChildren(...(v.b.storeys < 2 ? [] : [tag("button", { "aria-pressed": at.storey === null, title: "the storey of the answer", onclick: () => { at.storey = null; show(); } }, "Follow"),
-      ...Array.from({ length: v.b.storeys }, (_, i) => tag("button", { "aria-pressed": v.storey === i, onclick: () => { at.storey = i; show(); } }, `Storey ${i}`))]));
+      ...Array.from({ length: v.b.storeys }, (_, i) => tag("button", { "aria-pressed": v.storey === i, onclick: () => { at.storey = i; show(); } }, `Storey ${i + 1}`))]));
   }
   $("whole").textContent = whole ? "Around the robot" : "Whole storey";
 }
@@ -322,9 +327,9 @@ function key() {
 // -- what is said -----------------------------------------------------------------------------------------------
 function answer(f) {
   const c = f.candidates[0], [colour, , words] = STATUS[f.status];
-  const head = tag("div", { class: "answer-head" }, tag("span", { class: "badge", style: `color:${colour}`, title: words }, f.status));
-  if (f.right === true) head.append(tag("span", { style: `color:${GREEN};font-weight:700` }, "✓ right"));
-  if (f.right === false && c) head.append(tag("span", { style: `color:${VERMILLION};font-weight:700` }, "✗ wrong"));
+  const head = tag("div", { class: "answer-head" }, tag("span", { class: "badge", style: `border-color:${colour}`, title: words }, f.status));
+  if (f.right === true) head.append(tag("b", {}, tag("span", { style: `color:${GREEN}` }, "✓"), " right"));
+  if (f.right === false && c) head.append(tag("b", {}, tag("span", { style: `color:${VERMILLION}` }, "✗"), " wrong"));
   head.append(c ? `${c.map}, place ${short(c.place)}` : words);
   const made = [head], numbers = [];
   if (c) {
@@ -337,15 +342,15 @@ function answer(f) {
   if (f.off_m !== null && f.off_m !== undefined) numbers.push(["off the truth", f.off_m < 1 ? `${(100 * f.off_m).toFixed(0)} cm` : `${f.off_m.toFixed(1)} m`]);
   if (f.off_deg !== null && f.off_deg !== undefined) numbers.push(["heading off", `${f.off_deg.toFixed(f.off_deg < 10 ? 1 : 0)}°`]);
   if (f.truth && c && f.truth.map !== c.map) numbers.push(["truly in", f.truth.map]);
-  else if (f.truth && c && f.truth.storey !== c.storey) numbers.push(["storey", `${c.storey}, truly ${f.truth.storey}`]);
+  else if (f.truth && c && f.truth.storey !== c.storey) numbers.push(["storey", `${c.storey + 1}, truly ${f.truth.storey + 1}`]);
   made.push(tag("dl", { class: "numbers" }, ...numbers.map(([name, value]) => tag("div", {}, tag("dt", {}, name), tag("dd", {}, value)))));
   $("answer").replaceChildren(...made);
 }
 function candidates(f) {
   const rival = rivalNow(f);
   const made = f.candidates.slice(1).map((c, n) => tag("button", { "aria-pressed": n + 1 === rival, "data-candidate": n + 1, onclick: () => choose(n + 1) },
-    tag("b", {}, `${n + 1}`), tag("span", {}, `${KIND[c.kind]}: ${c.map}${D.buildings[c.map] && D.buildings[c.map].storeys > 1 ? `, storey ${c.storey}` : ""} (${c.position.slice(0, 2).map((v) => v.toFixed(0)).join(", ")})`), tag("span", {}, c.kind === "alike" ? `s=${c.similarity.toFixed(2)}` : percent(c.probability))));
-  $("candidates").replaceChildren(made.length ? tag("div", { class: "list" }, ...made) : tag("p", {}, "This answer names no other place."));
+    tag("b", {}, `${n + 1}`), tag("span", {}, `${KIND[c.kind]}: ${c.map}${D.buildings[c.map] && D.buildings[c.map].storeys > 1 ? `, storey ${c.storey + 1}` : ""} (${c.position.slice(0, 2).map((v) => v.toFixed(0)).join(", ")})`), tag("span", {}, c.kind === "alike" ? `s=${c.similarity.toFixed(2)}` : percent(c.probability))));
+  redrawn("candidate", () => $("candidates").replaceChildren(made.length ? tag("div", { class: "list" }, ...made) : tag("p", {}, "This answer names no other place.")));
   whyNot(f, rival);
 }
 function whyNot(f, rival) {
@@ -362,24 +367,30 @@ function whyNot(f, rival) {
   const objects = (c) => (building(c.map) ? D.buildings[c.map].objects : []);
   const rows = f.seen.map(([id, name], i) => ({ name, id, here: a.nats[i], there: b.nats[i], fits: [a.mapped[i] >= 0, b.mapped[i] >= 0] }));
   rows.sort((p, q) => Math.abs(q.here - q.there) - Math.abs(p.here - p.there) || (p.id < q.id ? -1 : 1));
-  const missed = (c, e, side) => e.missed.map(([n, nats]) => ({ name: (objects(c)[n] || ["", "object"])[1], id: (objects(c)[n] || [`${n}`])[0], nats, side }));
-  const lost = [...missed(best, a, 0), ...missed(other, b, 1)].sort((p, q) => p.nats - q.nats || (p.id < q.id ? -1 : 1));
+  const missing = new Map();
+  [[best, a], [other, b]].forEach(([c, e], side) => e.missed.forEach(([n, nats]) => {
+    const [id, name] = objects(c)[n] || [`${n}`, "object"], key = `${c.map}/${id}`;
+    if (!missing.has(key)) missing.set(key, { id, name, nats: [null, null] });
+    missing.get(key).nats[side] = nats;
+  }));
+  const gap = (m) => (m.nats[0] || 0) - (m.nats[1] || 0);
+  const lost = [...missing.values()].sort((p, q) => Math.abs(gap(q)) - Math.abs(gap(p)) || (p.id < q.id ? -1 : 1));
   const sum = (list) => list.reduce((s, v) => s + v, 0);
   const others = [a, b].map((e) => e.score - sum(e.nats) - e.walls - sum(e.missed.map((m) => m[1])));
   const gain = {};
   rows.forEach((r) => { gain[r.name] = (gain[r.name] || 0) + r.here - r.there; });
-  lost.forEach((m) => { gain[m.name] = (gain[m.name] || 0) + (m.side ? -m.nats : m.nats); });
+  lost.forEach((m) => { gain[m.name] = (gain[m.name] || 0) + gap(m); });
   const top = Object.entries(gain).sort((p, q) => Math.abs(q[1]) - Math.abs(p[1])).slice(0, 3).filter(([, v]) => Math.abs(v) >= 0.1).map(([n, v]) => `${n} ${signed(v)}`).join(", ");
   const ahead = a.score - b.score;
   const cell = (v, fits, more) => tag("td", { class: more ? "more" : null }, fits ? signed(v) : "stranger");
   const body = rows.map((r) => tag("tr", {}, tag("td", { title: r.id }, tag("span", { class: "name" }, sample(r.name), ` ${r.name} ${short(r.id)}`)), cell(r.here, r.fits[0], r.here > r.there + 0.05), cell(r.there, r.fits[1], r.there > r.here + 0.05)));
-  const gone = lost.map((m) => tag("tr", {}, tag("td", { title: m.id }, tag("span", { class: "name" }, sample(m.name, false), ` missed: ${m.name} ${short(m.id)}`)), tag("td", {}, m.side ? "" : signed(m.nats)), tag("td", {}, m.side ? signed(m.nats) : "")));
+  const gone = lost.map((m) => tag("tr", {}, tag("td", { title: m.id }, tag("span", { class: "name" }, sample(m.name, false), ` missed: ${m.name} ${short(m.id)}`)), ...m.nats.map((v) => tag("td", {}, v === null ? "" : signed(v)))));
   const line = (name, p, q) => (Math.abs(p) + Math.abs(q) < 0.01 ? null : tag("tr", {}, tag("td", {}, name), tag("td", {}, signed(p)), tag("td", {}, signed(q))));
   panel.replaceChildren(
-    tag("p", { class: "because" }, `The answer is ${Math.abs(ahead) < 0.005 ? "level with" : ahead > 0 ? `${ahead.toFixed(1)} nats ahead of` : `${(-ahead).toFixed(1)} nats behind`} place ${rival} by its evidence${top ? `; most by ${top}` : ""}.`),
+    tag("p", { class: "because" }, `The answer is ${Math.abs(ahead) < 0.005 ? "level with" : ahead > 0 ? `${ahead.toFixed(1)} nats ahead of` : `${(-ahead).toFixed(1)} nats behind`} place ${rival} by its evidence${top ? `; most by ${top}` : ""}.${ahead < 0 && D.weighed ? " Earlier answers, which weigh in too, put it first." : ""}`),
     tag("div", { class: "beside", tabindex: 0, role: "region", "aria-label": "Evidence object by object" }, tag("table", {},
       tag("thead", {}, tag("tr", {}, tag("th", {}, "object"), tag("th", {}, "answer"), tag("th", {}, `place ${rival}`))),
-      tag("tbody", {}, ...body, ...gone, line("missed, each below 0.05", others[0], others[1]), line("walls crossed", a.walls, b.walls)),
+      tag("tbody", {}, ...body, ...gone, line("missed, each below 0.05, and rounding", others[0], others[1]), line("walls crossed", a.walls, b.walls)),
       tag("tfoot", {}, tag("tr", {}, tag("td", {}, "all, nats"), tag("td", {}, signed(a.score)), tag("td", {}, signed(b.score)))))));
 }
 function classes(f) {
@@ -389,7 +400,7 @@ function classes(f) {
   names.sort((p, q) => Math.abs(evidence.get(q) || 0) - Math.abs(evidence.get(p) || 0) || weight(q) - weight(p) || (p < q ? -1 : 1));
   if (!names.length) return $("classes").replaceChildren(tag("p", { class: "note" }, f.candidates.length ? "This answer was recorded without reasons." : "No answer, no reasons."));
   const most = Math.max(0.01, ...names.map(weight));
-  const bar = (value, colour) => tag("div", { class: "bar" }, value ? tag("i", { class: value < 0 ? "less" : null, style: `width:${(62 * Math.abs(value)) / most}%;background:${colour}` }) : null, tag("em", {}, value ? `${value < 0 ? "−" : ""}${percent(Math.abs(value))}` : "–"));
+  const bar = (value, colour) => tag("div", { class: "bar" }, value ? tag("i", { class: value < 0 ? "less" : null, style: `width:calc((100% - 3.4rem) * ${(Math.abs(value) / most).toFixed(4)});background:${colour}` }) : null, tag("em", {}, value ? `${value < 0 ? "−" : ""}${percent(Math.abs(value))}` : "–"));
   const rest = names.slice(10);
   const rows = names.slice(0, 10).flatMap((n) => [tag("span", { class: "name" }, sample(n), n), bar(evidence.get(n), classLook(n)[0]), bar(attention.get(n), classLook(n)[0])]);
   $("classes").replaceChildren(tag("div", { class: "bars" }, tag("b", {}, "class"), tag("b", { title: "what the decision rests on" }, "evidence"), tag("b", { title: "what the encoder looked at" }, f.method || "attention"), ...rows),
@@ -506,7 +517,7 @@ async function poll() {
       if (follow) at.frame = D.frames.length - 1;
       timeline(); chips(); key(); show();
     }
-    if (said.done) { D.rows = said.rows; scores(); $("lacks").replaceChildren(tag("p", {}, "The run is over.")); return; }
+    if (said.done) { D.rows = said.rows; scores(); $("lacks").append(tag("p", {}, "The run is over.")); return; }
   } catch (error) { trouble("The server is gone; what came so far stays."); return; }
   setTimeout(poll, 500);
 }

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO, Any, Literal, cast
 
 from semloc_core.errors import BagError
+from semloc_core.files import APPLICATION_ID
 
 Kind = Literal["mcap", "db3", "zstd", "lz4"]
 _BEGINNINGS: dict[bytes, Kind] = {
@@ -17,18 +18,22 @@ _BEGINNINGS: dict[bytes, Kind] = {
     b"\x28\xb5\x2f\xfd": "zstd",
     b"\x04\x22\x4d\x18": "lz4",
 }
+_HEADER_BYTES, _APPLICATION = 72, slice(68, 72)
+"""Of a SQLite file, and where in it stands whose it is."""
 MAX_UNPACKED_BYTES = 2**36
 _PIECE = 2**20
 
 
 def kind_of(path: Path) -> Kind | None:
-    """The kind of a bag's file; None where it is none, or can't be read."""
+    """The kind of a bag's file; None where it is none (a map is no bag, though of SQLite), or can't be read."""
     if not path.is_file():
         return None
     try:
         with path.open("rb") as file:
-            start = file.read(16)
+            start = file.read(_HEADER_BYTES)
     except OSError:
+        return None
+    if int.from_bytes(start[_APPLICATION], "big") == APPLICATION_ID:
         return None
     return next((kind for beginning, kind in _BEGINNINGS.items() if start.startswith(beginning)), None)
 

@@ -21,6 +21,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Schema
 
 from semloc_core.errors import BagError
+from semloc_core.files import BAG, other_kind
 from semloc_core.text import short_repr
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -56,6 +57,8 @@ class McapStream:
         channels: channel id -> channel, as far as read.
         schemas: schema id -> schema, as far as read.
         truncated: the file was cut off; all messages of whole chunks were given. Known once iteration ends.
+        given: how many messages were.
+        lost_bytes: of a file that was cut off, what follows its last whole chunk; 0 where no message can be in it.
 
     """
 
@@ -64,6 +67,7 @@ class McapStream:
         self.channels: dict[int, Channel] = {}
         self.schemas: dict[int, Schema] = {}
         self.truncated = False
+        self.given = self.lost_bytes = 0
         self._limit = max_record_bytes
 
     def type_of(self, channel: Channel) -> str:
@@ -80,7 +84,9 @@ class McapStream:
         """
         try:
             with self.path.open("rb") as stream:
-                yield from self._messages(stream, os.fstat(stream.fileno()).st_size)
+                for message in self._messages(stream, os.fstat(stream.fileno()).st_size):
+                    self.given += 1
+                    yield message
         except _CutOffError:
             self.truncated = True
         except OSError as error:
@@ -89,9 +95,11 @@ class McapStream:
     def _messages(self, stream: IO[bytes], size: int) -> Iterator[RawMessage]:
         start = stream.read(len(MAGIC))
         if start != MAGIC:
-            raise BagError(f"expected an mcap file (got {self.path}, {size} bytes that begin {start!r})")
+            found = other_kind(self.path, BAG) or f"{size} bytes that begin {start!r}"
+            raise BagError(f"expected an mcap file (got {self.path}, {found})")
         crc, zeros = zlib.crc32(start), _zeros_from(stream, size)
         while True:
+            self.lost_bytes = size - stream.tell()
             head = stream.read(_RECORD.size)
             if len(head) < _RECORD.size:
                 raise _CutOffError
@@ -105,6 +113,7 @@ class McapStream:
             if length > size - stream.tell():
                 raise _CutOffError
             if opcode == Opcode.DATA_END:
+                self.lost_bytes = 0
                 self._check_end(stream, length, crc)
                 return
             crc = zlib.crc32(head, crc)

@@ -94,23 +94,26 @@ class BagReader:
 
     def _messages(self) -> Iterator[BagMessage]:
         if self._files is None:
-            yield from self._from_rosbags(self.path)
+            yield from self._from_rosbags(self.path, self.path)
             return
         for file in self._files:
             with unpacked(file) as (whole, cut_off):
-                if cut_off:
-                    self._cut_off(file)
                 if kind_of(whole) == "db3" or whole.suffix == ".db3":
-                    yield from self._from_rosbags(whole)
+                    if whole.suffix != ".db3":
+                        raise BagError(f"expected a bag in sqlite3 to be named .db3 (got {file})")
+                    yield from self._from_rosbags(whole, file)
                 else:
-                    yield from self._from_mcap(whole, file)
+                    yield from self._from_mcap(whole, file, cut_off)
+                self.truncated |= cut_off
 
-    def _cut_off(self, file: Path) -> None:
-        if not self.truncated and not self._quiet:
-            _LOG.warning("%s is cut off: read up to its last whole chunk", file)
+    def _cut_off(self, file: Path, given: int, lost: str) -> None:
+        """Say what of a file could not be read, and that the rest is used."""
+        if not self._quiet:
+            used = f"the {given:,} messages before are used" if given else "no message comes before"
+            _LOG.warning("%s is cut off: %s; %s", file, lost, used)
         self.truncated = True
 
-    def _from_mcap(self, file: Path, named: Path) -> Iterator[BagMessage]:
+    def _from_mcap(self, file: Path, named: Path, packed: bool) -> Iterator[BagMessage]:
         stream = McapStream(file, self._limit)
         wanted: dict[int, bool] = {}
         for channel, log_ns, publish_ns, data in stream:
@@ -123,10 +126,13 @@ class BagReader:
             if take:
                 type_ = self.types[channel.topic]
                 yield BagMessage(channel.topic, type_, log_ns, publish_ns, bytes(data))
-        if stream.truncated:
-            self._cut_off(named)
+        if stream.truncated and not stream.lost_bytes:
+            self._cut_off(named, stream.given, "only its index is lost")
+        elif stream.truncated:
+            size = "all" if packed else f"its last {stream.lost_bytes:,} bytes, all"
+            self._cut_off(named, stream.given, f"{size} that follows its last whole chunk, can't be read")
 
-    def _from_rosbags(self, path: Path) -> Iterator[BagMessage]:
+    def _from_rosbags(self, path: Path, named: Path) -> Iterator[BagMessage]:
         from rosbags.rosbag2 import Reader
 
         given = 0
@@ -144,7 +150,7 @@ class BagReader:
         except Exception as error:
             # rosbags' own errors, those of its database and decompressor, and whatever odd metadata leads to.
             if given and isinstance(error, sqlite3.DatabaseError):
-                self._cut_off(path)
+                self._cut_off(named, given, "what follows can't be read")
                 return
             raise BagError(f"expected a rosbag2 recording (got {self.path}: {_line(error)})") from error
 
@@ -174,7 +180,7 @@ def _files_of(folder: Path, quiet: bool) -> list[Path] | None:
         # A recorder that was killed leaves none.
         found = sorted((p for p in folder.iterdir() if p.is_file() and kind_of(p)), key=_natural)
         if not found:
-            raise BagError(f"expected metadata.yaml in {folder} (got none, and no mcap or db3 file)")
+            raise BagError(f"expected a bag (got the folder {folder}, in which is no metadata.yaml, mcap or db3 file)")
         listed = ", ".join(path.name for path in found)
         if not quiet:
             _LOG.warning("%s has no metadata.yaml: its files are read in the order of their names: %s", folder, listed)

@@ -11,6 +11,7 @@ from typing import TypeVar
 import msgspec
 
 from semloc_core.errors import FileFormatError
+from semloc_core.files import GRAPH, other_kind
 from semloc_core.graph import INDEX_BITS, node_number
 from semloc_core.text import short_repr
 from semloc_core.wire import one_line
@@ -179,7 +180,9 @@ def read_document(path: Path, dropped: Counter[str], said: list[str]) -> Documen
             data = _NOT_FINITE.sub(b"null", data)
         document = _decode(data, dropped, said)
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-        raise FileFormatError(f"{what} (got: {one_line(str(error))})") from error
+        kind = other_kind(path, GRAPH)
+        got = f": {one_line(str(error))}" if kind is None else f" {kind}"
+        raise FileFormatError(f"{what} (got{got})") from error
     if document.header is not None and document.header.version.major != 1:
         version = document.header.version
         raise FileFormatError(f"{what} of version 1 (got {version.major}.{version.minor})")

@@ -17,6 +17,8 @@ import msgspec
 
 from semloc_core import wire
 from semloc_core.errors import BagError, MessageError
+from semloc_core.files import GRAPH
+from semloc_core.files import kind_of as what_is
 from semloc_core.graph import Reading
 from semloc_core.sources.bag import (
     GROUND_TRUTH_TOPIC,
@@ -109,7 +111,7 @@ class Run:
         if not self.path.exists():
             raise BagError(f"expected a run (got {self.path}, which does not exist)")
         if not is_run(self.path):
-            raise BagError(f"expected a bag, or JSON text with an update a line (got {self.path}, which is neither)")
+            raise BagError(f"expected a run: a bag, or JSON text with an update a line (got {self._what()})")
         if self.path.is_dir() or self._is_bag():
             self._types = topics_of(self.path)
             if truth_only and topic is None and GROUND_TRUTH_TOPIC in self._types and robot is None:
@@ -125,6 +127,11 @@ class Run:
                     f"expected {POSE_STAMPED} or {POINT_STAMPED} on {self._truth} in {self.path} "
                     f"(got {self._types.get(self._truth, 'no such topic')}; {self._listed()})"
                 )
+
+    def _what(self) -> str:
+        """What a file is that is no run."""
+        kind = what_is(self.path)
+        return f"{self.path}, which is {kind}{'; semloc bag simulate walks through one' if kind == GRAPH else ''}"
 
     def _is_bag(self) -> bool:
         if (kind := kind_of(self.path)) in ("zstd", "lz4"):
@@ -242,6 +249,8 @@ class Run:
             fitting = [t for t in found if "frontend" not in t.split("/")] or found
             if not fitting and (found := sorted(t for t, type_ in self._types.items() if type_ == DETECTIONS)):
                 return next((t for t in found if robot is not None and robot in t.split("/")), found[0])
+        if not self._types and _is_cut_off(self.path):
+            raise BagError(f"expected a bag with messages (got {self.path}, cut off before its first chunk ends)")
         if not fitting:
             raise BagError(f"expected scene-graph updates on {SCENE_GRAPH_TOPIC} in {self.path} (got {self._listed()})")
         names = robots_of(fitting)
@@ -275,6 +284,13 @@ class Run:
 
     def _listed(self) -> str:
         return "topics: " + (", ".join(f"{t} ({type_})" for t, type_ in sorted(self._types.items())) or "nothing")
+
+
+def _is_cut_off(bag: Path) -> bool:
+    reader = BagReader(bag, (), quiet=True)
+    for _ in reader:
+        pass
+    return reader.truncated
 
 
 def decode_truth(message: BagMessage) -> Truth:

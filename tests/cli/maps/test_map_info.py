@@ -31,7 +31,8 @@ def test_the_first_lines_say_what_a_robot_is_trusted_to(semloc, home, tmp_path) 
     assert first[0] == "a: 1 building, 6 places, 6 objects of 3 classes"
     assert first[1:4] == [
         "- Storeys: one.",
-        "- Look-alikes: there is one storey, so no other to take it for.",
+        "- Look-alikes: no other building or storey is in this map; of this one's places 0% are like another far off "
+        "in it.",
         "- Objects: half of the places have 6 or more within 5 m; none has none.",
     ]
     for row in (["home", "6", "6", "1"], ["chair", "4"], ["couch", "1"], ["bed", "1"]):

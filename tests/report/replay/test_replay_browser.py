@@ -19,8 +19,9 @@ from semloc_core.localiser import Localiser
 from semloc_core.map_database import load
 from semloc_core.replay import replay
 from semloc_core.report.replay.data import has_answers, read_results
+from semloc_core.report.replay.frames import Frame
 from semloc_core.report.replay.live import Feed, served
-from semloc_core.report.replay.page import live_page, replay_page
+from semloc_core.report.replay.page import WEIGHED, live_page, replay_page
 from semloc_core.sources import BagWriter, read_messages, read_run
 
 ROOT = Path(__file__).parents[3]
@@ -129,6 +130,43 @@ def test_the_run_in_the_results_themselves_is_found(case, data, tmp_path):
     assert (has_answers(tmp_path / "both.mcap"), has_answers(run)) == (True, False)
 
 
+def test_where_earlier_answers_weigh_in_the_page_says_so_and_shows_what_the_filter_makes_of_it(tmp_path):
+    files = ROOT / "semloc_core" / "cli" / "demo_files"
+    loaded, run, config = load(files / "demo.map"), files / "demo_run.mcap", LocaliserConfig(filter="bayes")
+    feed = Feed(loaded, config=config)
+    feed.run(run, Reading(known=loaded.model.labelspace))
+    replay(run, loaded, config, results=tmp_path / "results.mcap")
+    data = read_results(tmp_path / "results.mcap", loaded, run=run)
+    live = msgspec.json.decode(feed.frames(0), type=Shown).frames
+    alone = Feed(loaded)
+    alone.run(run, Reading(known=loaded.model.labelspace))
+    without = msgspec.json.decode(alone.frames(0), type=Shown).frames
+
+    def said(frames):
+        return [[(of.kind, of.place, of.probability) for of in frame.candidates] for frame in frames]
+
+    assert said(live) == said(data.frames) != said(without)
+    best = [frames for frames in zip(live, without, strict=True) if all(of.candidates for of in frames)]
+    differ = sum(_best(one) != _best(other) for one, other in best)
+    assert differ > 0
+    assert data.weighed >= differ / 2
+    assert "earlier ones weigh in (filter bayes)" in replay_page(data, loaded, "results.mcap")
+    assert WEIGHED in live_page(loaded, "run", config)
+    assert WEIGHED not in live_page(loaded, "run", LocaliserConfig())
+    replay(run, loaded, LocaliserConfig(), results=tmp_path / "plain.mcap")
+    assert read_results(tmp_path / "plain.mcap", loaded, run=run).weighed == 0
+
+
+class Shown(msgspec.Struct):
+    """What a page asks its server for."""
+
+    frames: list[Frame]
+
+
+def _best(frame):
+    return frame.candidates[0].place, frame.candidates[0].probability
+
+
 def test_it_plays_steps_and_tells_the_time(opened):
     tab = opened(1400)
     first = tab.inner_text("#clock")
@@ -159,6 +197,29 @@ def test_a_click_on_a_rival_shows_its_evidence_beside_the_answers(opened, data):
     assert scores == pytest.approx([of.evidence.score for of in frame.candidates[:2]], abs=0.06)
     tab.keyboard.press("Escape")
     assert tab.locator("#whynot table").count() == 0
+
+
+def test_the_keyboard_alone_chooses_a_rival_and_keeps_its_place(opened, data):
+    tab = opened(1400)
+    number = next(i for i, frame in enumerate(data.frames) if len(frame.candidates) > 1)
+    for _ in range(number):
+        tab.keyboard.press("ArrowRight")
+    reached = set()
+    for _ in range(40):
+        tab.keyboard.press("Tab")
+        reached.add(tab.evaluate("document.activeElement.id || Object.keys(document.activeElement.dataset).join()"))
+        drawn = tab.evaluate("getComputedStyle(document.activeElement).outlineStyle")
+        assert drawn == "solid" or tab.evaluate("document.activeElement === document.body")
+    controls = {"first", "back", "play", "next", "last", "speed", "wrong", "seek", "whole", "in", "out"}
+    assert controls | {"rival", "candidate"} <= reached | {"wrong"}, "none is wrong: that one may be disabled"
+    for name in ("candidate", "rival"):
+        tab.locator(f"[data-{name}='1']").focus()
+        tab.keyboard.press("Enter")
+        assert tab.locator("#whynot table").count() == 1
+        assert tab.evaluate(f"document.activeElement.dataset.{name}") == "1"
+        tab.keyboard.press("Escape")
+        assert tab.locator("#whynot table").count() == 0
+        assert tab.evaluate(f"document.activeElement.dataset.{name}") == "1"
 
 
 @pytest.mark.parametrize("width", [360, 1400])

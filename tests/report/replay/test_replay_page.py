@@ -11,9 +11,10 @@ from semloc_core.errors import FileFormatError
 from semloc_core.report.kept_page import keep, kept
 from semloc_core.report.page import Fact, Page, Section, Table
 from semloc_core.report.replay import page as replay_page_module
-from semloc_core.report.replay.data import read_results
+from semloc_core.report.replay.data import FRAMES, read_results
 from semloc_core.report.replay.page import replay_page
 from semloc_core.report.replay.picture import answer_picture
+from semloc_core.report.replay.thinned import Thinned
 
 OPTIONAL = {"td", "tr", "th", "thead", "tbody", "p", "dt", "dd", "li"}
 EMPTY = {"meta", "br", "path", "use", "rect", "image"}
@@ -110,6 +111,23 @@ def test_a_page_that_is_too_large_is_thinned_and_says_so(walked, monkeypatch):
     text = replay_page(read_results(results, loaded), loaded, "r.mcap")
     assert len(content(text)["frames"]) == 1
     assert "one answer in 16 is shown; figures are of all 12" in text
+
+
+def test_a_page_is_thinned_no_more_than_its_bound_takes(walked, text, monkeypatch):
+    loaded, results = walked
+    most = len(text.encode()) - 1
+    monkeypatch.setattr(replay_page_module, "MOST_BYTES", most)
+    thinned = replay_page(read_results(results, loaded), loaded, "r.mcap")
+    assert len(thinned.encode()) <= most
+    assert len(content(thinned)["frames"]) == 6
+    assert content(thinned)["lacks"][0] == "Thinned: one answer in 2 is shown; figures are of all 12."
+
+
+def test_an_hour_at_two_hertz_is_shown_whole():
+    frames = Thinned(FRAMES)
+    for number in range(2 * 3600 + 1):
+        frames.add(number)
+    assert (frames.stride, len(frames)) == (1, 7201)
 
 
 def test_names_are_escaped():

@@ -537,7 +537,7 @@ def test_wanted_topic_of_another_type_or_encoding_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("metadata", "line"),
     [
-        (None, "expected metadata.yaml in"),
+        (None, "in which is no metadata.yaml, mcap or db3 file"),
         ("", "expected rosbag2_bagfile_information"),
         ("a: [", "expected rosbag2's metadata"),
         ("rosbag2_bagfile_information: 3", "expected rosbag2_bagfile_information"),
