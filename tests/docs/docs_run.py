@@ -21,6 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "tests" / "docs"), str(ROOT / "tests" / "fleet")]
 
 from doc_blocks import Block, blocks, pages  # noqa: E402
+from doc_commands import fault  # noqa: E402
 from doc_files import prepare  # noqa: E402
 from lite_server import LiteServer  # noqa: E402
 
@@ -70,12 +71,16 @@ def script(block: Block, port: int) -> str:
     lines = []
     for line in block.lines:
         line = line.replace(SERVER, f"127.0.0.1:{port}")
-        if block.mark == "slow" and block.words:
-            line = re.sub(r"(semloc [^#&|]*[^#&|\s])", rf"\1 {block.words}", line)
+        if block.words:  # what a command has of these options
+            line = re.sub(r"semloc [^#&|]*[^#&|\s]", lambda found: _shorter(found[0], block.words), line)
         if re.match(r"semloc view ", line):  # serves until it is stopped
             line = f"timeout -s INT 30 {line.partition('#')[0]} || [ $? = 124 ]"
         lines.append(line)
     return "\n".join(lines)
+
+
+def _shorter(command: str, words: str) -> str:
+    return f"{command} {words}" if fault(f"{command} {words}", whole=True) is None else command
 
 
 def run_page(page: Path, scratch: Path) -> int:
