@@ -25,6 +25,11 @@ ELSEWHERE = AT_THE_ROOT | {"msgs_schema": "reference/messages.md"}
 """What the site has of what stands outside docs/."""
 LINK = re.compile(r"(?<!!)\[((?:[^\[\]]|\[[^\[\]]*\])*)\]\((?!https?://|#|mailto:)([^)\s]+)\)")
 
+FETCHED = re.compile(
+    r"<(?:script|img|iframe|source)\b[^>]*\bsrc=[\"']?(?:https?:)?//[^>]*>|<link\b[^>]*\bhref=[\"']?(?:https?:)?//[^>]*>"
+)
+"""What a page would fetch from elsewhere when it is read."""
+
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages that are not files in docs/."""
@@ -53,3 +58,10 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         return words
 
     return LINK.sub(follow, markdown)
+
+
+def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
+    """Refuse a page that would need a network."""
+    if found := FETCHED.search(output):
+        raise PluginError(f"{page.file.src_uri}: it fetches {found[0]}")
+    return output

@@ -15,7 +15,6 @@ import typer
 import semloc_core
 from semloc_core.cli.commands import app
 from semloc_core.config import LocaliserConfig, options
-from semloc_core.exports import homes
 from semloc_core.sources import SimulationConfig, StreamConfig
 from semloc_core.wire.messages import MESSAGES
 from semloc_core.wire.schemas import schema_text
@@ -82,10 +81,12 @@ def _option(option: Any) -> tuple[str, str, str]:
 
 def command_page() -> str:
     """`semloc COMMAND --help` of every command."""
-    parts = ["# Commands\n\nAs `semloc COMMAND --help` has them. Every `--json FILE` writes the figures that are printed.\n"]
+    parts = [
+        "# Commands\n\nAs `semloc COMMAND --help` has them. Every `--json FILE` writes the figures that are printed.\n"
+    ]
     for path, command in commands():
         named = [one for one in command.params if one.param_type_name == "argument"]
-        usage = " ".join(f"{one.metavar or one.name.upper()}{' …' if one.nargs == -1 else ''}" for one in named)
+        usage = " ".join(str(one.metavar or one.name.upper()) for one in named)
         found = [one for one in command.params if one.param_type_name == "option" and not one.hidden]
         parts.append(f"## {path}\n\n```text\n{path} [OPTIONS] {usage}".rstrip() + "\n```\n")
         parts.append(re.sub(r"^ +", "", str(command.help or "").split("\f")[0], flags=re.MULTILINE) + "\n")
@@ -140,7 +141,7 @@ def parameter_page() -> str:
     """Options of the localiser and parameters of the nodes."""
     parts = [
         "# Parameters\n\n`ros2 param describe NODE NAME` says the same. Values out of their range are refused.\n",
-        "## Localiser\n\n`LocaliserConfig` in Python, parameters of the node, options of `semloc replay`.\n",
+        "## Localiser\n\n`LocaliserConfig` in Python, parameters of the node, and of `semloc replay` where they mean something.\n",
         _parameters(LocaliserConfig),
     ]
     besides = {"scene_graph_player": SimulationConfig}
@@ -184,8 +185,9 @@ def _fields(schema: dict[str, Any]) -> str:
 def message_page() -> str:
     """The messages: what each is, its fields, an example, its schema."""
     parts = [
-        "# Messages\n\nJSON, in `std_msgs/String`. Lengths are metres, angles radians, stamps nanoseconds; ids are text. "
-        "A field without a default is required. The schemas, with examples that are valid and not, are in `msgs_schema/`.\n"
+        "# Messages\n\nJSON, in `std_msgs/String`. Lengths are metres, angles radians, stamps nanoseconds; ids "
+        "are text. A field without a default is required. The schemas, with examples valid and not, are in "
+        "`msgs_schema/`.\n"
     ]
     shared: dict[str, dict[str, Any]] = {}
     for name, type_ in MESSAGES.items():
@@ -197,8 +199,8 @@ def message_page() -> str:
         parts += [
             f"## {name}\n\n{schema['description'].replace('``', '`')}\n",
             _fields(schema),
-            f"??? example \"{example.stem}\"\n\n" + _indented("json", example.read_text(encoding="utf-8")),
-            "??? note \"schema\"\n\n" + _indented("json", text),
+            f'??? example "{example.stem}"\n\n' + _indented("json", example.read_text(encoding="utf-8")),
+            '??? note "schema"\n\n' + _indented("json", text),
         ]
     parts.append("## Parts of messages\n")
     for name in sorted(shared):
@@ -217,9 +219,10 @@ def _indented(kind: str, text: str) -> str:
 def python_page() -> str:
     """What `semloc_core` exports, each described by mkdocstrings where it is defined."""
     parts = ["# Python\n\nWhat `from semloc_core import …` gives; [programs that use it](../python.md).\n"]
+    untitled = "{show_root_heading: false, show_root_toc_entry: false}"
     for name in semloc_core.__all__:
         found = getattr(semloc_core, name)
-        parts.append(f"## {name}\n\n::: {found.__module__}.{found.__qualname__}\n    options: {{show_root_heading: false}}\n")
+        parts.append(f"## {name}\n\n::: {found.__module__}.{found.__qualname__}\n    options: {untitled}\n")
     return "\n".join(parts)
 
 

@@ -103,8 +103,8 @@ def _ros(words: list[str]) -> str | None:
             return f"no launch file {name}"
         text = file.read_text(encoding="utf-8")
         given = [word.split(":=")[0] for word in words[3:] if ":=" in word]
-        return next((f"no launch argument {one}" for one in given if not re.search(rf"\b{one}\b", text + _PARAMETERS)), None)
+        return next(
+            (f"no launch argument {one}" for one in given if not re.search(rf"\b{one}\b", text + _PARAMETERS)), None
+        )
     given = [words[at + 1].split(":=")[0] for at, word in enumerate(words[:-1]) if word == "-p"]
     return next((f"no parameter {one}" for one in given if not re.search(rf"^    {one}:", _PARAMETERS, re.M)), None)
-
-

@@ -32,14 +32,19 @@ SERVER = "maps.local:19530"
 """The server that the pages speak of; here Milvus Lite on loopback."""
 
 
+def say(line: str) -> None:
+    """Print a line at once."""
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
+
+
 def copy_of_the_checkout(folder: Path) -> None:
     """What git knows, older than any environment (so that `make` makes none), and the environment."""
     listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     for name in filter(None, listed.split("\0")):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        if (ROOT / name).exists():
-            shutil.copyfile(ROOT / name, folder / name)
-            os.utime(folder / name, (0, 0))
+        shutil.copyfile(ROOT / name, folder / name, follow_symlinks=False)
+        os.utime(folder / name, (0, 0), follow_symlinks=False)
     (folder / ".venv").symlink_to(Path(sys.prefix), target_is_directory=True)
 
 
@@ -101,16 +106,16 @@ def run_page(page: Path, scratch: Path) -> int:
         for block in todo:
             text = script(block, server.port if server else 0)
             if "/hydra/" in text and not (scratch / "data" / "hydra").exists():
-                print(f"{block!r}: passed over, it needs Hydra files (SEMLOC_DATA)", flush=True)
+                say(f"{block!r}: passed over, it needs Hydra files (SEMLOC_DATA)")
                 continue
             began = time.monotonic()
             command = ["timeout", str(LIMIT_S), "bash", "-euo", "pipefail", "-c", text]
             done = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, check=False)
             good = done.returncode == 0
             failed += not good
-            print(f"{block!r}: {'ran' if good else 'FAILED'}, {time.monotonic() - began:.0f} s", flush=True)
+            say(f"{block!r}: {'ran' if good else 'FAILED'}, {time.monotonic() - began:.0f} s")
             if not good:
-                print(f"{text}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}", flush=True)
+                say(f"{text}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}")
     finally:
         if server:
             server.stop()
