@@ -141,7 +141,7 @@ def parameter_page() -> str:
     """Options of the localiser and parameters of the nodes."""
     parts = [
         "# Parameters\n\n`ros2 param describe NODE NAME` says the same. Values out of their range are refused.\n",
-        "## Localiser\n\n`LocaliserConfig` in Python, parameters of the node, and of `semloc replay` where they mean something.\n",
+        "## Localiser\n\n`LocaliserConfig` in Python, parameters of the node, most also options of `semloc replay`.\n",
         _parameters(LocaliserConfig),
     ]
     besides = {"scene_graph_player": SimulationConfig}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from functools import cache
 from typing import Any
 
 import typer
@@ -63,8 +64,13 @@ def _fault(words: list[str], whole: bool) -> str | None:
     return None
 
 
+@cache
+def _command() -> Any:
+    return typer.main.get_command(app)
+
+
 def _semloc(words: list[str], whole: bool) -> str | None:
-    command: Any = typer.main.get_command(app)
+    command = _command()
     while words and words[0] in getattr(command, "commands", {}):
         command, words = command.commands[words[0]], words[1:]
     if hasattr(command, "commands"):
