@@ -21,8 +21,13 @@ import docs_reference  # noqa: E402
 
 AT_THE_ROOT = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md"}
 """Pages that stand at the root of the checkout -> where the site has them."""
-ELSEWHERE = AT_THE_ROOT | {"msgs_schema": "reference/messages.md"}
-"""What the site has of what stands outside docs/."""
+ELSEWHERE = AT_THE_ROOT | {
+    "msgs_schema": "reference/messages.md",
+    "semloc_core/config.py": "reference/parameters.md",
+    "semloc_core/__init__.py": "reference/python.md",
+    "semloc_core/cli/commands.py": "reference/commands.md",
+}
+"""What stands outside docs/ -> the site's page of it; where there is no site, the link leads to the source."""
 LINK = re.compile(r"(?<!!)\[((?:[^\[\]]|\[[^\[\]]*\])*)\]\((?!https?://|#|mailto:)([^)\s]+)\)")
 
 FETCHED = re.compile(
