@@ -10,7 +10,7 @@ PIP := env -u PYTHONPATH $(PY) -m pip --disable-pip-version-check -qq install --
 OUT ?= out
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types unit assets bench fuzz soak licences audit ros clean
+.PHONY: help demo test lint types unit docs docs-run assets bench fuzz soak licences audit ros clean
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 12
@@ -40,7 +40,7 @@ $(VENV)/.test: $(VENV)/.tools
 demo: $(VENV)/$(if $(DATA),.tools,.demo) ## replay a simulated run (or one through DATA=a Hydra file) against a map; a page in out/demo
 	$(PY) -m semloc_core demo $(DATA) --force -o $(OUT)/demo
 
-test: lint types unit ## ruff, the order of the rooms, mypy and the whole test suite
+test: lint types docs unit ## ruff, the order of the rooms, mypy, the site and the whole test suite
 
 lint: $(VENV)/.test
 	$(VENV)/bin/ruff check .
@@ -52,6 +52,18 @@ types: $(VENV)/.test
 
 unit: $(VENV)/.test
 	$(PY) -m pytest -n 2 --dist worksteal -r s
+
+# -- the documentation ------------------------------------------------------------------------------------------
+
+$(VENV)/.docs: $(VENV)/.test
+	$(PIP) --editable '.[tools,hydra,test,docs]'
+	@touch $@
+
+docs: $(VENV)/.docs ## the site, in out/site; a dead link fails
+	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs --quiet build --strict --site-dir $(abspath $(OUT))/site
+
+docs-run: $(VENV)/.test ## run the commands of the README and the docs (PAGES=docs/ros.md: of these pages)
+	OMP_NUM_THREADS=1 $(PY) tests/docs/docs_run.py $(PAGES)
 
 # -- long ones: speed, and trust --------------------------------------------------------------------------------
 

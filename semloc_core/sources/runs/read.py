@@ -55,7 +55,11 @@ def read_run(
     """Updates of a run in order, each with the true pose nearest in time, in bounded memory.
 
     Args:
-        path, topic, robot, truth_topic, reading: see `Run`.
+        path: a bag (its file or folder), or JSON text.
+        topic: of the updates; None: `/scene_graph`, or the only one that has any.
+        robot: of several in one file, this one; None: the first.
+        truth_topic: of true poses; None: `ground_truth` beside the updates.
+        reading: how labels are read; None: as the file has them.
         tolerance_s: how far apart the stamps of an update and its true pose may be.
 
     Raises:

@@ -1,4 +1,4 @@
-"""What the README shows of the demo is what the demo prints."""
+"""What the first day's page shows of the shipped run is what its replay prints."""
 
 import re
 import sys
@@ -11,8 +11,8 @@ from semloc_core.cli import main
 ROOT = Path(__file__).parents[2]
 
 
-def test_the_readme_shows_what_the_demo_prints(monkeypatch, capsys) -> None:
-    blocks = re.split(r"^```.*\n", (ROOT / "README.md").read_text(), flags=re.MULTILINE)[1::2]
+def test_the_page_shows_what_the_replay_prints(monkeypatch, capsys) -> None:
+    blocks = re.split(r"^```.*\n", (ROOT / "docs/first_day.md").read_text(), flags=re.MULTILINE)[1::2]
     shown = next(block for block in blocks if "metres walked" in block).splitlines()
     assert len(shown) > 5
     words = ["semloc", "replay", ROOT / "bags/office_run.mcap", "--map", ROOT / "models/office.map"]
