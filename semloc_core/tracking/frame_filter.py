@@ -10,9 +10,9 @@ The state is where the frame lies: where one of these answers has it, or elsewhe
 frame goes on, or it is a new one that may lie anywhere, as a robot's that was carried away: a hidden Markov model, so
 its forward algorithm (Rabiner, Proc. IEEE 1989, III.A). All that is kept is weighed together each time: an answer that
 was sure and wrong, as in a twin, counts for less and less as later ones disagree with it, and a past that is denied
-gives way, to much evidence at once and to little that lasts. It never counts for more than frames that may be new leave
-to it: `WENT_ON` over `ANYWHERE` times the rest. Where the graph itself begins anew (`semloc_core.graph.UpdateStream`),
-so does the frame, and whoever keeps the filter makes it forget.
+gives way, to much evidence at once and to little that lasts. Against another answer it makes one 1 + w / ((1 - w) a)
+times as likely at most, w being `WENT_ON` and a `ANYWHERE`: 6. Where the graph itself begins anew
+(`semloc_core.graph.UpdateStream`), so does the frame, and whoever keeps the filter makes it forget.
 """
 
 from __future__ import annotations
@@ -150,9 +150,9 @@ def _weighed(now: _Answer, past: Sequence[_Answer], drift: float | None) -> Floa
         belief = belief * (said + WRONG * (1.0 - said))
         elsewhere = elsewhere * (left + WRONG * (1.0 - left))
         belief, elsewhere = _anew(belief, elsewhere, WENT_ON)
-    own = belief[: len(now.chance)] / ANYWHERE
-    total = float((own * now.chance).sum()) + now.left * (float(belief[len(own) :].sum()) + elsewhere)
-    found: Floats = own / max(total, 1e-12)
+    listed = belief[: len(now.chance)] / ANYWHERE
+    total = float((listed * now.chance).sum()) + now.left * (float(belief[len(listed) :].sum()) + elsewhere)
+    found: Floats = listed / max(total, 1e-12)
     return found
 
 

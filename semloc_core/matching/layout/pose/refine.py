@@ -182,11 +182,11 @@ class Near:
     def fit(self, weight: Floats) -> tuple[Complex, Complex]:
         """(D, T) turns and shifts that bring seen to mapped objects in least squares, by (D, T, K) weights.
 
-        See `semloc_core.matching.layout.pose.align.fit`.
+        See `semloc_core.matching.layout.pose.pairs.fit`.
         """
         moments = (weight[:, :, None] @ self.sums)[:, :, 0]
-        x, y, both, total = (moments[..., i] for i in range(4))
-        total = total.real + 1e-9
+        x, y, both = (moments[..., i] for i in range(3))
+        total = moments[..., 3].real + 1e-9
         turn = both - np.conj(x) * y / total
         size = np.abs(turn)
         turn = np.divide(turn, size, out=np.ones_like(turn), where=size > 0)
