@@ -14,7 +14,7 @@ from semloc_core.map_database import LoadedMap, object_weights
 from semloc_core.matching.layout import LayoutPart, LayoutVerifier, Verified, fragment_of_graph
 from semloc_core.matching.layout.answers import Answers
 from semloc_core.matching.layout.confidence import confidence
-from semloc_core.matching.layout.evidence import Evidence, evidence
+from semloc_core.matching.layout.evidence import Evidence, evidence, evidence_at
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.pose.placed import Placed, placed
 from semloc_core.matching.posterior import Ranking, modes
@@ -156,6 +156,7 @@ class Reranker:
         """Where the robot's frame lies in the buildings of rows of the map, see `layout.pose.placed`."""
         return placed(self._verifier.mapped, tested.fragment, tested.verified, rows)
 
-    def evidence(self, tested: Reranked, row: int) -> Evidence | None:
-        """What the test rests on at a row of the map; None for one that was not tested."""
-        return evidence(self._verifier.mapped, tested.fragment, tested.verified, row)
+    def evidence(self, tested: Reranked, row: int) -> Evidence:
+        """What the test rests on at a row of the map; one that was not tested is, now."""
+        found = evidence(self._verifier.mapped, tested.fragment, tested.verified, row)
+        return found or evidence_at(self._verifier, tested.fragment, row)

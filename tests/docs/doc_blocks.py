@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[2]
-WRITTEN = {"licences.md", "ros_transcript.md"}
-"""Pages that a program writes: `tools/licences.py`, and `tools/ros_transcript.sh`, which runs what it shows."""
+WRITTEN = {"first_runs.md", "licences.md", "ros_transcript.md"}
+"""Pages that a program writes: `tools/licences.py`, and `tools/ros_transcript.sh`, which runs
+what it shows, as `tools/first_runs.py` does."""
 MARK = re.compile(r"<!-- (not run|slow)(?:: (.+))? -->")
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 PROMPT = re.compile(r"^(?:\$ |semloc |make |ros2 |python )", re.MULTILINE)

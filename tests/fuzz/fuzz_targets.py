@@ -241,7 +241,7 @@ class Live(Target):
             (stream._seq, live._seq, live._stamp_ns, live.odometry, at._explained_ns, live.unknown_classes),
             live.visibility and {name: value for name, value in vars(live.visibility).items() if name != "graph"},
             kept and (kept._slots, kept._free, kept._ids, kept._rows, kept._kind),
-            past and (past._kept, past._denied),
+            past and (past._kept, past._spots),
         )
         return msgspec.msgpack.encode(parts, enc_hook=np.ndarray.tobytes)
 

@@ -23,6 +23,7 @@ from semloc_core.report.replay.frames import Frame
 from semloc_core.report.replay.live import Feed, served
 from semloc_core.report.replay.page import WEIGHED, live_page, replay_page
 from semloc_core.sources import BagWriter, read_messages, read_run
+from semloc_core.tracking import FrameFilter
 
 ROOT = Path(__file__).parents[3]
 MAP = ROOT / "models" / "office.map"
@@ -130,7 +131,9 @@ def test_the_run_in_the_results_themselves_is_found(case, data, tmp_path):
     assert (has_answers(tmp_path / "both.mcap"), has_answers(run)) == (True, False)
 
 
-def test_where_earlier_answers_weigh_in_the_page_says_so_and_shows_what_the_filter_makes_of_it(tmp_path):
+def test_where_earlier_answers_weigh_in_the_page_says_so_and_shows_what_the_filter_makes_of_it(tmp_path, monkeypatch):
+    # A filter that is not told that the graph began anew: what it makes of this run is another thing than without.
+    monkeypatch.setattr(FrameFilter, "forget", lambda self: None)
     files = ROOT / "semloc_core" / "cli" / "demo_files"
     loaded, run, config = load(files / "demo.map"), files / "demo_run.mcap", LocaliserConfig(filter="bayes")
     feed = Feed(loaded, config=config)

@@ -75,7 +75,7 @@ class Placed:
 
 
 def placed(mapped: MappedLayout, fragment: Fragment, verified: Verified, rows: Sequence[int]) -> Mapping[int, Placed]:
-    """Refined transforms by row of the map, of those of some rows that were put to the test.
+    """Refined transforms by row of the map, of those of some rows that were put to the test, or lie near one that was.
 
     All rows of one answer have the same one: the best of it. Where several poses of an answer explain what is seen, its
     covariance holds their spread, and that of all others as far as it may be chance.
@@ -94,6 +94,12 @@ def placed(mapped: MappedLayout, fragment: Fragment, verified: Verified, rows: S
     first_of: dict[int, int] = {}
     for i, row in enumerate(tried.rows.tolist()):
         first_of.setdefault(row, i)
+    for row in [row for row in rows if row not in first_of]:
+        # A place that was not tested itself is where the best pose near it is, if one is.
+        near = (building == mapped.building[row]) & (mapped.storey[tried.rows] == mapped.storey[row])
+        near &= _squared(at - mapped.positions[row]) <= MATCH_RADIUS_M**2
+        if near.any():
+            first_of[row] = int(near.argmax())
     wanted = {row: first_of[row] for row in rows if row in first_of}
     if not wanted:
         return {}
