@@ -142,3 +142,21 @@ def test_a_lever_carries_the_turns_uncertainty():
     turn = best.covariance[3, 3]
     assert far[3, 3] == turn
     assert far[0, 0] + far[1, 1] == pytest.approx(1e4 * turn, rel=0.2)
+
+
+def test_a_place_near_an_answer_has_its_pose_though_it_was_not_tested(homes):
+    """Else a match on a place that the test passed over would move no robot: no pose, no transform."""
+    maps, _, space = homes
+    verifier = layout_verifier(tuple(maps), len(space))
+    fragment = fragment_of_arrays(written_in(any_frame(np.random.default_rng(0)), maps[0]), 40, verifier.config)
+    found = verifier.verify(fragment)
+    best, at = int(found.rows[0]), verifier.mapped.positions
+    off = np.linalg.norm(at - at[best], axis=1)
+    other = verifier.mapped.building != verifier.mapped.building[best]
+    untested = [row for row in np.argsort(off).tolist() if row not in set(found.rows.tolist()) and not other[row]]
+    near, far = untested[0], untested[-1]
+    assert off[near] < 2.0
+    assert off[far] > 6.0
+    poses = placed(verifier.mapped, fragment, found, [best, near, far])
+    np.testing.assert_array_equal(poses[near].position, poses[best].position)
+    assert far not in poses or np.linalg.norm(poses[far].position - at[far]) <= 4.0
