@@ -133,14 +133,13 @@ class PairVotes:
 
         """
         none = np.zeros(0, dtype=np.int64)
-        hits, seen, weight = self._hits(fragment)
+        hits, seen, weight, (i, j, off) = self._hits(fragment)
         if only is not None:
             can = np.bincount(self._of_place[only], minlength=len(self._corner)) > 0
             there = can[self._building[hits]]
             hits, seen, weight = hits[there], seen[there], weight[there]
         if not len(self._at) or not len(hits):
             return none
-        i, j, off = self._seen
         here = fragment.objects[:, 0] + 1j * fragment.objects[:, 1]
         up = fragment.objects[:, 2]
         turn = self._heading[hits] * np.conj(off[seen])
@@ -182,8 +181,11 @@ class PairVotes:
                 found[part[near]] = best[near] + self._start[number]
         return found
 
-    def _hits(self, fragment: Fragment) -> tuple[Ints, Ints, Floats]:
-        """(H,) mapped pairs, the number of the seen pair that each is like, and what its vote weighs."""
+    def _hits(self, fragment: Fragment) -> tuple[Ints, Ints, Floats, tuple[Ints, Ints, NDArray[np.complex128]]]:
+        """(H,) mapped pairs, the number of the seen pair that each is like, what its vote weighs; and those seen.
+
+        A seen pair is two numbers of objects and the direction from one to the other, of length one.
+        """
         objects, classes = fragment.objects[:VOTERS], fragment.classes[:VOTERS]
         i, j = np.triu_indices(len(classes), 1)
         swap = classes[i] > classes[j]
@@ -202,13 +204,13 @@ class PairVotes:
         order = np.argsort(number, kind="stable")
         order = order[number[order] > 0]
         order = order[np.cumsum(number[order]) <= max(HITS, number[order[:1]].sum())]
-        self._seen = i, j, off / np.maximum(metres, 1e-9)
+        pairs = i, j, off / np.maximum(metres, 1e-9)
         hits, seen = ranges(low[order], number[order]), np.repeat(order, number[order])
         rise = objects[j, 2] - objects[i, 2]
         alike = np.abs(self._rise[hits] - rise[seen]) <= HEIGHT_M
         # Whole numbers: their sums are exact, whatever the order.
         worth = np.rint(16 * np.log1p(len(self._keys) / np.maximum(number, 1)))
-        return hits[alike], seen[alike], worth[seen[alike]]
+        return hits[alike], seen[alike], worth[seen[alike]], pairs
 
 
 def _key(kind: Ints, metres: Floats) -> Ints:

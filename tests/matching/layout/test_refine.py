@@ -160,3 +160,22 @@ def test_a_place_near_an_answer_has_its_pose_though_it_was_not_tested(homes):
     poses = placed(verifier.mapped, fragment, found, [best, near, far])
     np.testing.assert_array_equal(poses[near].position, poses[best].position)
     assert far not in poses or np.linalg.norm(poses[far].position - at[far]) <= 4.0
+
+
+def test_a_query_leaves_nothing_behind_in_what_robots_share(homes):
+    """Robots of one process ask one map at the same time: what a query kept there would be another one's, too."""
+    maps, _, space = homes
+    verifier = layout_verifier(tuple(maps), len(space))
+
+    def held(thing, known=None):
+        known = {} if known is None else known
+        if id(thing) not in known and type(thing).__module__.startswith("semloc_core.") and hasattr(thing, "__dict__"):
+            known[id(thing)] = {name: id(value) for name, value in vars(thing).items()}
+            for value in vars(thing).values():
+                held(value, known)
+        return known
+
+    before = held(verifier)
+    assert len(before) >= 6, "the map, its rooms, the objects around its places, the scan, the votes"
+    answer(verifier, maps[0], 40, any_frame(np.random.default_rng(0)))
+    assert held(verifier) == before
