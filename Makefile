@@ -10,7 +10,7 @@ PIP := env -u PYTHONPATH $(PY) -m pip --disable-pip-version-check -qq install --
 OUT ?= out
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types unit docs docs-run assets bench fuzz soak licences audit ros clean
+.PHONY: help demo tools test lint types unit docs docs-run assets bench fuzz soak licences audit ros clean
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 12
@@ -39,6 +39,8 @@ $(VENV)/.test: $(VENV)/.tools
 
 demo: $(VENV)/$(if $(DATA),.tools,.demo) ## replay a simulated run (or one through DATA=a Hydra file) against a map; a page in out/demo
 	$(PY) -m semloc_core demo $(DATA) --force -o $(OUT)/demo
+
+tools: $(VENV)/.tools ## what the other commands need, beside what the demo does
 
 test: lint types docs unit ## ruff, the order of the rooms, mypy, the site and the whole test suite
 
