@@ -115,7 +115,8 @@ def node_struct(file: str, name: str) -> type[msgspec.Struct]:
         "StreamConfig": StreamConfig, "__name__": "semloc_ros.options",
     }  # fmt: skip
     exec(compile(ast.Module([found], []), file, "exec", dont_inherit=True), words)
-    return words[name]  # type: ignore[no-any-return]
+    made: type[msgspec.Struct] = words[name]
+    return made
 
 
 def _range(option: Any) -> str:

@@ -29,7 +29,7 @@ DIGITS, FARTHEST_M = 6, 1e9
 class Located:
     """An answer: the message to publish, and what `Localiser.explain` needs to say why.
 
-    ``evidence`` is what the test by layout rests on at the best row; None where that was not tested.
+    ``evidence`` is what the test by layout rests on at the best row; None where nothing was put to the test.
     """
 
     query: Query

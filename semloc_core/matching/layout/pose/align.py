@@ -119,24 +119,31 @@ def _exact(
     best = turn, shift, wide / (odds + 1.0)[pairs.at], np.log1p(odds[:-1].reshape(shape))
     value = best[3].sum(axis=1)
     for narrower in NARROWER:
-        more = (1.0 - FARTHER) / narrower**2
-        for _ in range(MORE_ROUNDS + 1):
-            near = more * pairs.odds(turn, shift, narrower * widest_m)
-            far = FARTHER * pairs.odds(turn, shift, widest_m)
-            odds = pairs.by_seen(near + far)
-            total = (odds + 1.0)[pairs.at]
-            at = turn, shift
-            turn, shift = fit(pairs, (near + narrower**2 * far) / total, narrower**2 * anchor)
+        near, far, odds = _mixed(pairs, turn, shift, widest_m, narrower)
+        for _ in range(MORE_ROUNDS):
+            weight = (near + narrower**2 * far) / (odds + 1.0)[pairs.at]
+            turn, shift = fit(pairs, weight, narrower**2 * anchor)
+            near, far, odds = _mixed(pairs, turn, shift, widest_m, narrower)
         explained = np.log1p(odds[:-1].reshape(shape))
         gained = explained.sum(axis=1)
         net = gained + FREE * math.log(narrower)
         better = np.flatnonzero(net > value)
         value[better] = net[better]
         explained *= np.divide(net, gained, out=np.zeros_like(net), where=gained > 0)[:, None]
-        for kept, new in zip(best, (*at, (near + far) / total, explained), strict=True):
+        share = (near + far) / (odds + 1.0)[pairs.at]
+        for kept, new in zip(best, (turn, shift, share, explained), strict=True):
             kept[better] = new[better]
-        turn, shift = at
     return best
+
+
+def _mixed(
+    pairs: Pairs, turn: Complex, shift: Complex, widest_m: float, narrower: float
+) -> tuple[Floats, Floats, Floats]:
+    """(T, K) odds of pairs by a narrower spread and by the widest, each by its share, and their sums by seen object."""
+    exponent = pairs.squares(turn, shift, -1.0 / widest_m**2)
+    near = (1.0 - FARTHER) / narrower**2 * (np.exp(exponent / narrower**2) * pairs.peak)
+    far = FARTHER * (np.exp(exponent) * pairs.peak)
+    return near, far, pairs.by_seen(near + far)
 
 
 def _walls(mapped: MappedLayout, fragment: Fragment, rows: Ints, turn: Complex, shift: Complex) -> Floats:

@@ -14,7 +14,7 @@ from semloc_core.matching.layout.pose.local_map import Complex, There
 from semloc_core.text import short_repr
 
 FAR = 3.0
-"""Pairs that differ in height by more standard deviations than this are none."""
+"""Pairs that are further apart to begin with than so many standard deviations are none."""
 
 
 @short_repr
@@ -127,10 +127,14 @@ def fit(pairs: Pairs, share: Floats, anchor: float) -> tuple[Complex, Complex]:
     """
     moments = (pairs.terms[:, :7] @ share[:, :, None])[:, :, 0]
     x, y, both = np.ascontiguousarray(moments[:, :6]).view(np.complex128).T
-    total = moments[:, 6] + anchor
+    return best_pose(x, y, both, moments[:, 6] + anchor)
+
+
+def best_pose(x: Complex, y: Complex, both: Complex, total: Floats) -> tuple[Complex, Complex]:
+    """Turns and shifts in least squares, of weighted sums of any shape: the points x, y, x̄y and the weights, > 0."""
     x, y = x / total, y / total
-    # Σ w (x − x̄)(y − ȳ), x conjugated, the anchor (x = y = 0) among them.
+    # Σ w (x − x̄)(y − ȳ), x conjugated, an anchor (x = y = 0) in the total among them.
     turn = both - total * np.conj(x) * y
     size = np.abs(turn)
-    turn = np.divide(turn, size, out=np.ones(len(turn), dtype=np.complex128), where=size > 0)
+    turn = np.divide(turn, size, out=np.ones_like(turn), where=size > 0)
     return turn, y - turn * x

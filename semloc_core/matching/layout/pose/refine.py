@@ -21,7 +21,7 @@ from semloc_core.graph import SHIFT_M, TURN_RAD, Floats, Ints
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
 from semloc_core.matching.layout.pose.local_map import Complex, around_rows
-from semloc_core.matching.layout.pose.pairs import Pairs, pairs_at
+from semloc_core.matching.layout.pose.pairs import Pairs, best_pose, pairs_at
 from semloc_core.text import short_repr
 
 REACH_M = 1.5
@@ -180,17 +180,9 @@ class Near:
         return odds / total[self.number], close, gained
 
     def fit(self, weight: Floats) -> tuple[Complex, Complex]:
-        """(D, T) turns and shifts that bring seen to mapped objects in least squares, by (D, T, K) weights.
-
-        See `semloc_core.matching.layout.pose.pairs.fit`.
-        """
-        moments = (weight[:, :, None] @ self.sums)[:, :, 0]
-        x, y, both = (moments[..., i] for i in range(3))
-        total = moments[..., 3].real + 1e-9
-        turn = both - np.conj(x) * y / total
-        size = np.abs(turn)
-        turn = np.divide(turn, size, out=np.ones_like(turn), where=size > 0)
-        return turn, (y - turn * x) / total
+        """(D, T) turns and shifts that bring seen to mapped objects in least squares, by (D, T, K) weights."""
+        x, y, both, total = np.moveaxis((weight[:, :, None] @ self.sums)[:, :, 0], -1, 0)
+        return best_pose(x, y, both, total.real + 1e-9)
 
 
 def _lengths(points: Complex) -> Floats:
