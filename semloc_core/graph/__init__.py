@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     from semloc_core.graph.repair import mend
     from semloc_core.graph.resample import carried_sightings, nearest_parents, place_spacing, resample_places
     from semloc_core.graph.scene_graph import Change, SceneGraph
-    from semloc_core.graph.storeys import separate, storey_at, storeys_at, storeys_of
+    from semloc_core.graph.storeys import STOREYS_NEAR, separate, storey_at, storeys_at, storeys_of
     from semloc_core.graph.visibility import Visibility, object_distances, visible_pairs
 else:
     __getattr__ = exports(__name__)
 
 __all__ = [
     "Ages", "Change", "DriftMeter", "Floats", "GraphArrays", "GraphDeltas", "INDEX_BITS", "Ints", "LARGEST_ID",
-    "Labels", "Labelspace", "Outcome", "Reading", "SHIFT_M", "SceneGraph", "TURN_RAD", "UpdateStream", "Visibility",
+    "Labels", "Labelspace", "Outcome", "Reading", "SHIFT_M", "STOREYS_NEAR", "SceneGraph", "TURN_RAD", "UpdateStream", "Visibility",
     "Way", "advice", "all_numbers", "all_unknown", "ball", "carried_sightings", "connected", "count_unknown",
     "full_id", "is_nameless", "label_table", "labelspace_from_hydra", "lacks", "listed",
     "load_labelspace", "load_synonyms", "many_balls", "mend", "nearest_parents", "node_number", "number_of",

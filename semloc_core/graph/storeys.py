@@ -38,6 +38,7 @@ ABOVE = 2.0
 """How much more a metre above a storey's places counts than one below."""
 BETWEEN_M = 0.5
 """A storey that is so little further than another one is as likely to be called a point's."""
+STOREYS_NEAR = BESIDE_M, ABOVE, BETWEEN_M
 STEP_M = 0.05
 SMOOTH_M = 0.2
 """Standard deviation by which levels are smeared before heaps are looked for."""

@@ -131,10 +131,10 @@ def _by_storey(
     stairs is, it is nearly as likely on one as on another.
     """
     rows = verified.rows[separate]
-    on = [
-        mapped.storeys_at(pose, row) if p >= LIKELY * chance[0] else [int(mapped.storey[row])]
-        for pose, row, p in zip(poses, rows.tolist(), chance.tolist(), strict=True)
-    ]
+    on = [[storey] for storey in mapped.storey[rows].tolist()]
+    likely = np.flatnonzero(chance >= LIKELY * chance[0])
+    for answer, storeys in zip(likely.tolist(), mapped.storeys_of(poses[likely], rows[likely]), strict=True):
+        on[answer] = storeys
     times = np.array([len(each) for each in on])
     shares = [np.array([1.0, *[AS_LIKELY] * (n - 1)]) / (1.0 + AS_LIKELY * (n - 1)) for n in times.tolist()]
     return Answers(

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.config import MATCH_RADIUS_M
-from semloc_core.graph import Floats, Ints, separate, storeys_at
+from semloc_core.graph import STOREYS_NEAR, Floats, Ints, separate, storeys_at
 from semloc_core.matching.layout.building.free_space_cost import Rooms
 from semloc_core.matching.layout.building.layout import LayoutPart
 from semloc_core.matching.layout.building.objects_by_place import Around
+from semloc_core.matching.layout.compiled import compiled
 from semloc_core.matching.layout.config import LayoutConfig
 
 Ints32 = NDArray[np.int32]
@@ -28,6 +29,7 @@ class MappedLayout:
     Attributes:
         positions: (M, 3) the map's places, metres; each building in its own frame.
         building: (M,) the number of each place's building.
+        start: (B + 1,) where each building's places begin.
         storey: (M,) the number of each place's storey, counted through all buildings.
         object_positions: (K, 3) objects of all buildings, metres.
         object_classes: (K,) of these.
@@ -51,6 +53,13 @@ class MappedLayout:
         self.positions: Floats = np.asfortranarray(np.concatenate([none, *(b.positions for b in parts)]))
         self.building: Ints = np.repeat(np.arange(len(parts)), [len(b) for b in parts]).astype(np.int64)
         self.storey = separate(self.building, np.concatenate([np.zeros(0, np.int64), *(b.storeys for b in parts)]))
+        self.start = np.searchsorted(self.building, np.arange(len(parts) + 1)).astype(np.int64)
+        # A building's storeys are numbered one after another.
+        some = np.flatnonzero(np.diff(self.start))
+        self._lowest, self._storeys = np.zeros(len(parts), dtype=np.int32), np.zeros(len(parts), dtype=np.int64)
+        self._lowest[some] = np.minimum.reduceat(self.storey, self.start[some]) if len(some) else 0
+        self._storeys[some] = np.maximum.reduceat(self.storey, self.start[some]) + 1 if len(some) else 0
+        self._storeys[some] -= self._lowest[some]
         self.object_positions: Floats = np.asfortranarray(np.concatenate([none, *(b.object_positions for b in parts)]))
         self.object_classes: Ints = np.concatenate([np.zeros(0, np.int64), *(b.object_classes for b in parts)])
         self.object_ids: tuple[str, ...] = tuple(id_ for b in parts for id_ in b.object_ids)
@@ -69,9 +78,34 @@ class MappedLayout:
         """M."""
         return len(self.positions)
 
-    def storeys_at(self, point: Floats, row: int) -> list[int]:
-        """The storeys (numbers of `storey`) that a point (3,), metres, of a row's building may be said to be on."""
-        first, last = np.searchsorted(self.building, [self.building[row], self.building[row] + 1])
+    def storeys_of(self, points: Floats, rows: Ints) -> list[list[int]]:
+        """The storeys (numbers of `storey`) that (A, 3) points, metres, of (A,) rows' buildings may be said to be on.
+
+        The likeliest of each first.
+        """
+        if (self._storeys[self.building[rows]] == 1).all():
+            return [[on] for on in self.storey[rows].tolist()]
+        if not compiled():
+            return [self._storeys_at(point, row) for point, row in zip(points, rows.tolist(), strict=True)]
+        from semloc_core.matching.layout.compiled.storeys import storeys_of
+
+        found = storeys_of(
+            np.ascontiguousarray(points),
+            rows,
+            self.start,
+            self.building,
+            self._lowest,
+            self._storeys,
+            int(self._storeys.max()),
+            self.storey,
+            *self.positions.T,
+            MATCH_RADIUS_M,
+            STOREYS_NEAR,
+        )
+        return [[on for on in each if on >= 0] for each in found.tolist()]
+
+    def _storeys_at(self, point: Floats, row: int) -> list[int]:
+        first, last = self.start[self.building[row]], self.start[self.building[row] + 1]
         storey = self.storey[first:last]
         if storey.min() == storey.max():
             return [int(storey[0])]

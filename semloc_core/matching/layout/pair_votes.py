@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from semloc_core.graph import Floats, Ints, ranges
 from semloc_core.matching.layout.building.near_pairs import Nearby, nearest
+from semloc_core.matching.layout.compiled import compiled
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.text import short_repr
 
@@ -113,11 +114,12 @@ class PairVotes:
         self._building = np.repeat(np.arange(len(pairs)), [len(p.first) for p in pairs])[order].astype(np.int64)
         at = objects[:, 0] + 1j * objects[:, 1]
         off = at[second] - at[first]
-        self._heading = off / np.maximum(np.abs(off), 1e-9)
+        self._heading, self._steps = off / np.maximum(np.abs(off), 1e-9), _steps(off)
         self._middle, self._height = (at[first] + at[second]) / 2, (objects[first, 2] + objects[second, 2]) / 2
         self._rise = objects[second, 2] - objects[first, 2]
         self._of_place = building
-        self._at, self._start = places, np.searchsorted(building, np.arange(len(pairs) + 1))
+        self._at, self._columns = places, tuple(np.ascontiguousarray(axis) for axis in places.T)
+        self._start = np.searchsorted(building, np.arange(len(pairs) + 1))
         self._corner = np.zeros(len(pairs), dtype=np.complex128)
         for number, (low, size) in enumerate(zip(before, sizes, strict=False)):
             if size:
@@ -132,21 +134,31 @@ class PairVotes:
             only: (M,) bool, the places that the robot can be at; None for all.
 
         """
-        none = np.zeros(0, dtype=np.int64)
-        hits, seen, weight, (i, j, off) = self._hits(fragment)
+        can = np.ones(len(self._corner), dtype=np.bool_)
         if only is not None:
-            can = np.bincount(self._of_place[only], minlength=len(self._corner)) > 0
-            there = can[self._building[hits]]
-            hits, seen, weight = hits[there], seen[there], weight[there]
-        if not len(self._at) or not len(hits):
-            return none
+            can = np.bincount(self._of_place[only], minlength=len(can)) > 0
+        alike = self._alike(fragment)
+        row = self._compiled(fragment, alike, can) if compiled() else self._voted(fragment, alike, can)
+        row = row[row >= 0]
+        if only is not None:
+            row = row[only[row]]
+        kept: Ints = np.array(list(dict.fromkeys(row.tolist())), dtype=np.int64)
+        return kept
+
+    def _voted(self, fragment: Fragment, alike: Alike, can: NDArray[np.bool_]) -> Ints:
+        """(N,) the places nearest to the best cells, best first, of buildings that (B,) can be; -1 where none is."""
+        hits, seen = self._hits(fragment, alike, can)
+        if not len(hits):
+            return np.zeros(0, dtype=np.int64)
+        i, j, off, weight = alike.i, alike.j, alike.off, alike.worth[seen]
         here = fragment.objects[:, 0] + 1j * fragment.objects[:, 1]
         up = fragment.objects[:, 2]
         turn = self._heading[hits] * np.conj(off[seen])
         where = self._middle[hits] - turn * ((here[i] + here[j]) / 2)[seen]
         height = self._height[hits] - ((up[i] + up[j]) / 2)[seen]
         building = self._building[hits]
-        cells = _cells(building, where - self._corner[building], height, turn)
+        heading = np.rint(self._steps[hits] - alike.steps[seen]).astype(np.int64) % HEADINGS
+        cells = _cells(building, where - self._corner[building], height, heading)
         cell, of = np.unique(cells, return_inverse=True)
         votes = np.bincount(of, weight)
         most = np.argsort(-votes, kind="stable")[:BEST]
@@ -161,12 +173,36 @@ class PairVotes:
         x, y, z = (np.bincount(to, w * v[chosen]) / votes[best] for v in (where.real, where.imag, height))
         first = np.zeros(len(best), dtype=np.int64)
         first[to] = building[chosen]
-        row = self._nearest(np.column_stack([x, y, z]), first)
-        row = row[row >= 0]
-        if only is not None:
-            row = row[only[row]]
-        kept: Ints = np.array(list(dict.fromkeys(row.tolist())), dtype=np.int64)
-        return kept
+        return self._nearest(np.column_stack([x, y, z]), first)
+
+    def _compiled(self, fragment: Fragment, alike: Alike, can: NDArray[np.bool_]) -> Ints:
+        """As of `_voted`."""
+        from semloc_core.matching.layout.compiled.votes import vote
+
+        heading, middle, corner = (values.view(np.float64).reshape(-1, 2) for values in (self._heading, self._middle, self._corner))
+        return vote(
+            alike.low,
+            alike.number,
+            alike.order,
+            alike.worth,
+            alike.i,
+            alike.j,
+            alike.off.view(np.float64).reshape(-1, 2),
+            alike.steps,
+            np.ascontiguousarray(fragment.objects),
+            self._building,
+            heading,
+            self._steps,
+            middle,
+            self._height,
+            self._rise,
+            corner,
+            can,
+            self._start,
+            *self._columns,
+            (CELL_M, LAYER_M, HEIGHT_M, NEAR_M),
+            (HEADINGS, BEST, KEPT, _BITS, _MIDDLE),
+        )
 
     def _nearest(self, poses: Floats, building: Ints) -> Ints:
         """(N,) the nearest place of its building to each pose (N, 3), metres; -1 where none is near."""
@@ -181,11 +217,8 @@ class PairVotes:
                 found[part[near]] = best[near] + self._start[number]
         return found
 
-    def _hits(self, fragment: Fragment) -> tuple[Ints, Ints, Floats, tuple[Ints, Ints, NDArray[np.complex128]]]:
-        """(H,) mapped pairs, the number of the seen pair that each is like, what its vote weighs; and those seen.
-
-        A seen pair is two numbers of objects and the direction from one to the other, of length one.
-        """
+    def _alike(self, fragment: Fragment) -> Alike:
+        """Which mapped pairs are like which seen ones."""
         objects, classes = fragment.objects[:VOTERS], fragment.classes[:VOTERS]
         i, j = np.triu_indices(len(classes), 1)
         swap = classes[i] > classes[j]
@@ -204,13 +237,48 @@ class PairVotes:
         order = np.argsort(number, kind="stable")
         order = order[number[order] > 0]
         order = order[np.cumsum(number[order]) <= max(HITS, number[order[:1]].sum())]
-        pairs = i, j, off / np.maximum(metres, 1e-9)
-        hits, seen = ranges(low[order], number[order]), np.repeat(order, number[order])
-        rise = objects[j, 2] - objects[i, 2]
-        alike = np.abs(self._rise[hits] - rise[seen]) <= HEIGHT_M
         # Whole numbers: their sums are exact, whatever the order.
-        worth = np.rint(16 * np.log1p(len(self._keys) / np.maximum(number, 1)))
-        return hits[alike], seen[alike], worth[seen[alike]], pairs
+        worth = np.rint(16 * np.log1p(len(self._keys) / np.maximum(number, 1))).astype(np.int64)
+        return Alike(i, j, off / np.maximum(metres, 1e-9), _steps(off), low, number, order, worth)
+
+    def _hits(self, fragment: Fragment, alike: Alike, can: NDArray[np.bool_]) -> tuple[Ints, Ints]:
+        """(H,) mapped pairs, and the numbers of the seen pairs that they are like."""
+        order, up = alike.order, fragment.objects[:, 2]
+        hits, seen = ranges(alike.low[order], alike.number[order]), np.repeat(order, alike.number[order])
+        rise = up[alike.j] - up[alike.i]
+        use = (np.abs(self._rise[hits] - rise[seen]) <= HEIGHT_M) & can[self._building[hits]]
+        return hits[use], seen[use]
+
+
+@short_repr
+@dataclass(frozen=True, eq=False)
+class Alike:
+    """Seen pairs of objects, and the run of mapped pairs that are like each.
+
+    Args:
+        i, j: (S,) numbers of the seen objects.
+        off: (S,) complex, the direction from one to the other, of length one.
+        steps: (S,) the same, as so many of `HEADINGS`.
+        low: (S,) where the run begins.
+        number: (S,) how long it is.
+        order: those that vote, the rarest first.
+        worth: (S,) what each vote weighs.
+
+    """
+
+    i: Ints
+    j: Ints
+    off: NDArray[np.complex128]
+    steps: Floats
+    low: Ints
+    number: Ints
+    order: Ints
+    worth: Ints
+
+
+def _steps(off: NDArray[np.complex128]) -> Floats:
+    found: Floats = np.angle(off) * (HEADINGS / (2 * np.pi))
+    return found
 
 
 def _key(kind: Ints, metres: Floats) -> Ints:
@@ -218,17 +286,16 @@ def _key(kind: Ints, metres: Floats) -> Ints:
     return found
 
 
-def _cells(building: Ints, where: NDArray[np.complex128], height: Floats, turn: NDArray[np.complex128]) -> Ints:
+def _cells(building: Ints, where: NDArray[np.complex128], height: Floats, heading: Ints) -> Ints:
     """(H,) numbers of cells. Round coordinates and quarter turns lie amid a cell: no last bit decides."""
     x, y = (
         np.clip(np.floor(v / CELL_M + 0.37), -_MIDDLE + 1, 2**_BITS - _MIDDLE - 2) for v in (where.real, where.imag)
     )
     z = np.clip(np.floor(height / LAYER_M + 0.37), -15, 14)
-    heading = np.rint(np.angle(turn) * (HEADINGS / (2 * np.pi))) % HEADINGS
     found = (building << _BITS) + x.astype(np.int64) + _MIDDLE
     found = (found << _BITS) + y.astype(np.int64) + _MIDDLE
     found = (found << 5) + z.astype(np.int64) + 16
-    return (found << 5) + heading.astype(np.int64)
+    return (found << 5) + heading
 
 
 def _beside(cells: Ints) -> Ints:

@@ -26,9 +26,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from semloc_core.graph import Floats, Ints
+from semloc_core.matching.layout.building.free_space_cost import RIM
+from semloc_core.matching.layout.compiled import compiled
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
-from semloc_core.matching.layout.pose.expected_objects import expected
+from semloc_core.matching.layout.pose.expected_objects import SEEN_CELL_M, expected, seen_cells
 from semloc_core.matching.layout.pose.local_map import Complex, around_rows
 from semloc_core.matching.layout.pose.pairs import FAR, Pairs, fit, pairs_at
 from semloc_core.text import short_repr
@@ -84,6 +86,8 @@ def align(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats)
         heading: (T,) radians to begin with.
 
     """
+    if compiled():
+        return _compiled(mapped, fragment, rows, heading)
     config, t, n = mapped.config, len(rows), len(fragment.classes)
     there = around_rows(mapped, rows)
     turn, shift = np.exp(1j * heading), np.zeros(t, dtype=np.complex128)
@@ -101,6 +105,44 @@ def align(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats)
         (share * pairs.above).sum(axis=1) / (share.sum(axis=1) + 1.0),
         explained,
         config.looked * expected(mapped, fragment, there, turn, shift),
+        _walls(mapped, fragment, rows, turn, shift),
+    )
+
+
+def _compiled(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats) -> Aligned:
+    """As of `align`."""
+    from semloc_core.matching.layout.compiled import poses
+
+    config, around = mapped.config, mapped.around
+    seen, low = seen_cells(fragment.places, config.seen_within_m)
+    pose, rise, explained, seen_too = poses.align(
+        rows,
+        heading,
+        around.start,
+        around.objects,
+        around.classes,
+        *mapped.positions.T,
+        *mapped.object_positions.T,
+        mapped.odds,
+        mapped.detected,
+        np.ascontiguousarray(fragment.objects),
+        fragment.classes,
+        np.zeros((0, 0)) if fragment.likely is None else mapped.weights(fragment.likely),
+        seen,
+        low,
+        SEEN_CELL_M,
+        RIM,
+        (config.spread_m, config.off_m, config.height_spread_m, FAR, FARTHER),
+        NARROWER,
+        (ROUNDS, MORE_ROUNDS, FREE),
+    )
+    turn, shift = np.ascontiguousarray(pose).view(np.complex128).T
+    return Aligned(
+        np.angle(turn),
+        pose[:, 2:],
+        rise,
+        explained,
+        config.looked * seen_too,
         _walls(mapped, fragment, rows, turn, shift),
     )
 

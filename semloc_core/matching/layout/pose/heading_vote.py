@@ -12,6 +12,7 @@ import numpy as np
 
 from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.building.objects_by_place import Floats32, around_m, sums
+from semloc_core.matching.layout.compiled import compiled
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
 
@@ -47,6 +48,8 @@ def heading_scores(mapped: MappedLayout, fragment: Fragment, candidates: Ints) -
     # An object that may be of several classes is as rare as the one that has the best odds.
     rarity = mapped.invented[fragment.classes] if weights is None else 1 / (weights / mapped.invented).max(axis=1)
     voters = np.argsort(rarity, kind="stable")[:VOTERS]
+    if compiled():
+        return _compiled(mapped, fragment, voters, candidates, weights)
     k, n = len(candidates), len(voters)
     pairs = _pairs(mapped, fragment, voters, candidates, None if weights is None else weights[voters])
     # Far from the robot a heading that is off by a few steps misses.
@@ -75,6 +78,36 @@ def heading_scores(mapped: MappedLayout, fragment: Fragment, candidates: Ints) -
     for i in range(0, n, _AT_ONCE):
         gained += np.log(np.multiply.reduce(odds[:, i : i + _AT_ONCE], axis=1))
     return gained.T.astype(np.float32, order="C")
+
+
+def _compiled(
+    mapped: MappedLayout, fragment: Fragment, voters: Ints, candidates: Ints, weights: Floats | None
+) -> Floats32:
+    """As of `heading_scores`."""
+    from semloc_core.matching.layout.compiled import poses
+
+    config, around = mapped.config, mapped.around
+    x, y, up = fragment.objects[voters].T
+    return poses.heading_scores(
+        candidates,
+        around.start,
+        around.objects,
+        around.classes,
+        around.metres,
+        around.bearing,
+        around.up,
+        *mapped.positions.T[:2],
+        *mapped.object_positions.T[:2],
+        mapped.odds,
+        x.copy(),
+        y.copy(),
+        up.copy(),
+        fragment.classes[voters],
+        np.zeros((0, 0)) if weights is None else weights[voters],
+        (config.spread_m, config.height_spread_m, NEAR, SHARP),
+        BESIDE,
+        HEADINGS,
+    )
 
 
 def _above(halves: Floats32, size: int) -> Ints:
@@ -174,6 +207,13 @@ def best_poses(scores: Floats32, positions: Floats, building: Ints, most: int, a
         (T,) candidates' numbers and (T,) headings in radians, best first.
 
     """
+    if compiled():
+        from semloc_core.matching.layout.compiled import poses
+
+        place, heading = poses.best_poses(
+            scores, *(axis.copy() for axis in positions.T), building, most, (apart_m, TIED), MORE
+        )
+        return place, heading * STEP
     around = np.concatenate([scores[:, -1:], scores, scores[:, :1]], axis=1)
     peaks = np.flatnonzero((scores >= around[:, :-2]) & (scores >= around[:, 2:]) & (scores > 0))
     value = scores.ravel()[peaks]
