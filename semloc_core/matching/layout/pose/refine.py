@@ -18,10 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from semloc_core.graph import SHIFT_M, TURN_RAD, Floats, Ints
+from semloc_core.matching.layout.compiled import compiled
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
 from semloc_core.matching.layout.pose.local_map import Complex, around_rows
-from semloc_core.matching.layout.pose.pairs import Pairs, best_pose, pairs_at
+from semloc_core.matching.layout.pose.pairs import FAR, Pairs, best_pose, pairs_at
 from semloc_core.text import short_repr
 
 REACH_M = 1.5
@@ -87,10 +88,12 @@ def refine(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats
         shift: (T, 2) metres, as aligned.
 
     """
+    if compiled():
+        return _compiled(mapped, fragment, rows, heading, shift)
     turn, at = np.exp(1j * heading), shift @ np.array([1.0, 1j])
     pairs = pairs_at(mapped, fragment, around_rows(mapped, rows), turn, at, REACH_M)
     # Each pose once for each drift that is tried.
-    tried = np.array(DRIFTS if fragment.drift is None else (CAUTION * fragment.drift,))[:, None, None]
+    tried = _drifts(fragment)[:, None, None]
     near = Near.of(pairs, fragment, len(tried), mapped.config.spread_m)
     turn, at = (np.tile(values, (len(tried), 1)) for values in (turn, at))
     unrest = tried * (SHIFT_M**2 + TURN_RAD**2 * _lengths(near.seen))
@@ -120,6 +123,39 @@ def refine(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats
     # The prior of the spread speaks for a drift too.
     fits = gained - USUAL_WEIGHT * (np.log(variance) + USUAL_M**2 / variance)[..., 0]
     return _together(fits, gained, turn, at, up, covariance, above)
+
+
+def _drifts(fragment: Fragment) -> Floats:
+    return np.array(DRIFTS if fragment.drift is None else (CAUTION * fragment.drift,))
+
+
+def _compiled(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats, shift: Floats) -> Refined:
+    """As of `refine`."""
+    from semloc_core.matching.layout.compiled.refine import refine as work
+
+    config, around = mapped.config, mapped.around
+    fits, gained, pose, covariance, above = work(
+        rows,
+        np.ascontiguousarray(heading),
+        np.ascontiguousarray(shift),
+        around.start,
+        around.objects,
+        around.classes,
+        *mapped.positions.T,
+        *mapped.object_positions.T,
+        mapped.odds,
+        np.ascontiguousarray(fragment.objects),
+        fragment.classes,
+        fragment.ages,
+        np.zeros((0, 0)) if fragment.likely is None else mapped.weights(fragment.likely),
+        _drifts(fragment),
+        SPREADS_M,
+        AGES_M,
+        (REACH_M, FAR, config.spread_m, config.height_spread_m),
+        (SHIFT_M, TURN_RAD, LEAST_M, MOST_M, USUAL_M, USUAL_WEIGHT, float(FREEDOM), DOUBT_WEIGHT, HEIGHT_M),
+    )
+    turn, at = pose[..., :4].copy().view(np.complex128).transpose(2, 0, 1)
+    return _together(fits, gained, turn, at, pose[..., 4], covariance, above)
 
 
 @short_repr
