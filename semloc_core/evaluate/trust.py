@@ -234,10 +234,8 @@ def listed(verifier: LayoutVerifier, fragment: Fragment, found: Verified | None,
     if found is None:
         return similar[:LISTED], np.zeros(min(len(similar), LISTED))
     sure = confidence(found, fragment, verifier.mapped)
-    rows = np.concatenate([found.rows[sure.order], similar[~np.isin(similar, found.rows)]])
-    said = sure.answers.probability(verifier.mapped, rows)
-    chosen = np.argsort(-said, kind="stable")[:LISTED]
-    return rows[chosen], said[chosen]
+    rows, said = sure.listed(similar[~np.isin(similar, found.rows)])
+    return rows[:LISTED], said[:LISTED]
 
 
 def at_truth(study: Study, judged: Judged) -> Verified | None:

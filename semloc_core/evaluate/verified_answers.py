@@ -129,10 +129,7 @@ def reranked(
                 sure = past.weighed(sure, verifier, found, fragment, q)
             if chances is not None:
                 chances[q] = sure.probability.max()
-            rest = best[q][~np.isin(best[q], found.rows)]
-            rows = np.concatenate([found.rows[sure.order], rest])
-            said = sure.answers.probability(verifier.mapped, rows)
-            chosen = rows[np.argsort(-said, kind="stable")[: answers.shape[1]]]
+            chosen = sure.listed(best[q][~np.isin(best[q], found.rows)])[0][: answers.shape[1]]
             answers[q, : len(chosen)] = chosen
             if places is not None:
                 best_row = int(chosen[0])

@@ -136,19 +136,15 @@ class Reranker:
             return None
         sure = confidence(found, fragment, verifier.mapped, robot=robot)
         if past is not None:
-            sure = sure.weighed(past(sure.answers), verifier.mapped, found.rows)
-        order = sure.order
-        tested = found.rows[order]
-        known = set(tested.tolist())
+            sure = sure.weighed(past(sure.answers))
         # Between floors the likeliest place of each is listed, found or not.
         beside = sure.answers.on_each_storey(verifier.mapped)
+        known = set(found.rows.tolist())
         rest = np.array([row for row in dict.fromkeys([*beside, *raw.tolist()]) if row not in known], dtype=np.int64)
         # What was not tested is as likely as what was tested near it says, and is listed where that puts it.
-        rows = np.concatenate([tested, rest])
-        chances = sure.answers.probability(verifier.mapped, rows)
+        rows, chances = sure.listed(rest)
         probability = dict(zip(rows.tolist(), chances.tolist(), strict=True))
-        rows = rows[np.argsort(-chances, kind="stable")]
-        apart = rows[np.isin(rows, [*tested.tolist(), *beside])]
+        apart = rows[np.isin(rows, [*known, *beside])]
         shown, separate = rows[:top_n], np.array(modes(apart, self._within), dtype=np.int64)
         return Reranked(Ranking(shown, separate, probability, sure.in_map), found, fragment)
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.graph import Floats, Ints
+from semloc_core.matching.layout.compiled import compiled
 from semloc_core.matching.layout.map_layout import MappedLayout
 from semloc_core.text import short_repr
 
@@ -155,6 +156,10 @@ def _shared(chance: Floats, at: Floats, building: Ints) -> Floats:
         building: (K,) of each.
 
     """
+    if compiled():
+        from semloc_core.matching.layout.compiled.answers import shared
+
+        return shared(chance, *at.T.copy(), building, 2 * MATCH_RADIUS_M, _SHARINGS, _NO_CHANCE)
     for _ in range(_SHARINGS):
         order = np.argsort(-chance, kind="stable")
         order = order[chance[order] > _NO_CHANCE]

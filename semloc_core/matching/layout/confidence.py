@@ -12,7 +12,8 @@ buildings, at home and abroad (`semloc_core.evaluate.fit_confidence`).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,32 +43,43 @@ class Confidence:
     """What may be believed of a verified answer.
 
     Args:
-        probability: (T,) P(the robot is within the match radius of the place and on its storey), for each place tested
-            on its own.
-        in_map: P(the robot is in the map).
-        order: (T,) in which to list the places: by falling probability.
         answers: what the probability of any place of the map follows from.
+        in_map: P(the robot is in the map).
         off: (T,) metres of each place tested from where it best fits in.
+        mapped: the map.
+        rows: (T,) the places tested.
 
     """
 
-    probability: Floats
-    in_map: float
-    order: Ints
     answers: Answers
+    in_map: float
     off: Floats
+    mapped: MappedLayout
+    rows: Ints
 
-    @classmethod
-    def of(cls, answers: Answers, in_map: float, off: Floats, mapped: MappedLayout, rows: Ints) -> Confidence:
-        """What follows from answers for the (T,) rows of the map that were tested."""
-        probability = answers.probability(mapped, rows)
-        order = np.lexsort((np.arange(len(probability)), off, -probability))
-        return cls(probability, in_map, order, answers, off)
+    @cached_property
+    def probability(self) -> Floats:
+        """(T,) P(the robot is within the match radius of the place and on its storey), for each on its own."""
+        return self.answers.probability(self.mapped, self.rows)
 
-    def weighed(self, by: Floats, mapped: MappedLayout, rows: Ints) -> Confidence:
+    @property
+    def order(self) -> Ints:
+        """(T,) in which to list the places: by falling probability."""
+        found: Ints = np.lexsort((np.arange(len(self.off)), self.off, -self.probability))
+        return found
+
+    def listed(self, rest: Ints) -> tuple[Ints, Floats]:
+        """Rows of the map, those tested and some (R,) more, by falling probability, and (T + R,) these."""
+        rows = np.concatenate([self.rows, rest])
+        chance = self.answers.probability(self.mapped, rows)
+        off = np.concatenate([self.off, np.full(len(rest), np.inf)])
+        order = np.lexsort((np.arange(len(rows)), off, -chance))
+        return rows[order], chance[order]
+
+    def weighed(self, by: Floats) -> Confidence:
         """The same, each answer (A,) times as likely."""
         in_map = max(self.in_map, float((self.answers.likely() * by).sum()))
-        return Confidence.of(self.answers.weighed(by), in_map, self.off, mapped, rows)
+        return replace(self, answers=self.answers.weighed(by), in_map=in_map)
 
 
 def confidence(
@@ -112,7 +124,7 @@ def confidence(
     if robot is not None:
         poses = poses + _turned(robot - fragment.origin, verified.heading[found.separate])
     answers = _by_storey(mapped, verified, found.separate, poses, chance, right, n, calibration)
-    return Confidence.of(answers, in_map, found.off, mapped, verified.rows)
+    return Confidence(answers, in_map, found.off, mapped, verified.rows)
 
 
 def _by_storey(

@@ -11,19 +11,21 @@ its exposure the known places):
 The last term refuses places around which the map has less room than the robot has found. The rings are soft, and laid
 by distance as the crow flies: a fragment does not know the short cuts yet, so that distances along its edges are too
 long, while straight ones are what they will remain.
-What a building has in its rings is counted once for it; logarithms are taken in a scan, of the classes that were seen.
+What a building has in its rings is counted once for it; logarithms are taken when a class is first seen.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.building.objects_by_place import sums
+from semloc_core.matching.layout.compiled import compiled
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.text import short_repr
 
@@ -128,6 +130,9 @@ class CoarseScan:
             rate[rings.classes, :, first : first + rings.rate.shape[2]] = rings.rate
             first += rings.rate.shape[2]
         self._rate = rate.reshape(-1, first)
+        # Which rows of it are logarithms already: those of the classes that were seen yet.
+        self._logged = np.zeros(len(self._rate), dtype=np.bool_)
+        self._lock = Lock()
 
     def log_likelihood(self, fragment: Fragment) -> NDArray[np.float32]:
         """(M,) of each place of the map, up to a constant; equal ones of places with equal surroundings."""
@@ -136,14 +141,24 @@ class CoarseScan:
         shares = _shares(_metres(fragment.objects)).ravel()
         seen = sums(of, shares, len(self._rate)).astype(np.float32)
         at = np.flatnonzero(seen > _FAINT)
-        rate = self._rate.take(at, axis=0)
-        rate += self._invented[at // rings][:, None]
+        self._take_logarithms(at[~self._logged[at]])
         known = _shares(_metres(fragment.places)).sum(axis=1)
-        found: NDArray[np.float32] = np.einsum("k,km->m", seen[at], np.log(rate, out=rate))
+        if compiled():
+            from semloc_core.matching.layout.compiled.scan import scan
+
+            return scan(at, seen[at], self._rate, known, self._total, self._room, np.float32(SHAPE))
+        found: NDArray[np.float32] = np.einsum("k,km->m", seen[at], self._rate.take(at, axis=0))
         found -= np.einsum("r,rm->m", known, self._total)
         for e, room in zip(known, self._room, strict=True):
             found -= np.float32(SHAPE) * np.maximum(e - room, np.float32(0.0))
         return found
+
+    def _take_logarithms(self, rows: Ints) -> None:
+        with self._lock:
+            for row in rows[~self._logged[rows]].tolist():
+                rate = self._rate[row] + self._invented[row // len(RING_CENTRES_M)]
+                self._rate[row] = np.log(rate, out=rate)
+                self._logged[row] = True
 
 
 def affordable(n_places: int, n_classes: int) -> bool:

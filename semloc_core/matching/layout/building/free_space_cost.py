@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.graph import Floats, Ints
+from semloc_core.matching.layout.compiled import compiled
 from semloc_core.matching.layout.config import LayoutConfig
 from semloc_core.text import short_repr
 
@@ -56,10 +57,10 @@ class Rooms:
     def __init__(self, rooms: Sequence[Room | None]) -> None:
         known = [room or Room.none() for room in rooms]
         self._low = np.array([room.low for room in known]).reshape(-1, 3)
-        self._shape = np.array([room.cost.shape for room in known], dtype=np.float64).reshape(-1, 3)
+        self._shape = np.array([room.cost.shape for room in known], dtype=np.int64).reshape(-1, 3)
         self._cost: Floats32 = np.concatenate([np.zeros(0, np.float32), *(room.cost.ravel() for room in known)])
         sizes = [room.cost.size for room in known]
-        self._first = np.cumsum([0, *sizes]).astype(np.float64)
+        self._first = np.cumsum([0, *sizes]).astype(np.int64)
 
     def lost(self, building: Ints, turn: Complex, origin: Floats, places: Floats) -> Floats:
         """(T,) cost of k places that a robot knows, were it in each of T poses.
@@ -71,6 +72,12 @@ class Rooms:
             places: (k, 3) metres from there, by its heading.
 
         """
+        if compiled():
+            from semloc_core.matching.layout.compiled import poses
+
+            of = np.stack([turn.real, turn.imag], axis=1), np.ascontiguousarray(origin), np.ascontiguousarray(places)
+            cells = self._low, self._shape, self._first, self._cost
+            return poses.lost(building, *of, *cells, RIM, (ROOM_CELL_M, ROOM_LAYER_M))
         low, size = self._low[building], self._shape[building]
         x, y, z = places.T
         ground = np.vstack([x, y, np.ones(len(x))])
@@ -90,7 +97,7 @@ class Rooms:
         at *= size[:, 2, None]
         at += cells
         at += self._first[building][:, None]
-        found: Floats = self._cost[at.astype(np.int64)].sum(axis=1)
+        found: Floats = self._cost[at.astype(np.int64)].sum(axis=1, dtype=np.float64)
         return found
 
 

@@ -412,6 +412,47 @@ def align(
 
 
 @kernel
+def lost(
+    building: Ints,
+    turn: Floats,
+    origin: Floats,
+    places: Floats,
+    low: Floats,
+    shape: Ints,
+    first: Ints,
+    cost: Floats32,
+    rim: int,
+    cell_m: tuple[float, float],
+) -> Floats:
+    """(T,) cost of known places where a building has no room, as of `building.free_space_cost.Rooms.lost`.
+
+    Args:
+        building: (T,) of each pose.
+        turn: (T, 2) cosine and sine.
+        origin: (T, 3) metres.
+        places: (k, 3) metres from there.
+        low, shape, first: (B, 3), (B, 3), (B,) of each building's cells.
+        cost: of all cells.
+        rim: cells around all.
+        cell_m: width and height of a cell, metres.
+
+    """
+    total = np.zeros(len(building))
+    wide, high = cell_m
+    for t in range(len(building)):
+        b, c, s = building[t], turn[t, 0], turn[t, 1]
+        nx, ny, nz = shape[b]
+        px, py = (origin[t, 0] - low[b, 0]) / wide + rim, (origin[t, 1] - low[b, 1]) / wide + rim
+        for i in range(len(places)):
+            x, y = places[i, 0], places[i, 1]
+            column = _cell(c / wide * x - s / wide * y + px, 0, nx)
+            line = _cell(s / wide * x + c / wide * y + py, 0, ny)
+            layer = _cell((origin[t, 2] + places[i, 2] - low[b, 2]) / high, rim, nz)
+            total[t] += cost[first[b] + (column * ny + line) * nz + layer]
+    return total
+
+
+@kernel
 def _longer(values: Floats) -> Floats:
     longer = np.empty(2 * len(values))
     longer[: len(values)] = values

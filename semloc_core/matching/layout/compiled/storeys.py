@@ -47,6 +47,7 @@ def storeys_of(
     beside_m, above, between_m = numbers
     found = np.full((len(points), most), -1, np.int64)
     nearest, off, low, high = np.empty(most), np.empty(most), np.empty(most), np.empty(most)
+    reach = np.empty(most)
     mild, strict, taken = np.empty(most), np.empty(most), np.empty(most, np.bool_)
     for a in range(len(points)):
         b, row = building[rows[a]], rows[a]
@@ -61,12 +62,15 @@ def storeys_of(
                 ax, ay, az = abs(x[i] - px), abs(y[i] - py), z[i] - pz
                 if (ax > radius_m or ay > radius_m) and i != row:
                     continue
-                s, away = storey[i] - base, math.hypot(ax, ay)
+                s, away = storey[i] - base, ax * ax + ay * ay
                 if not again:
                     nearest[s] = min(nearest[s], away)
-                    off[s] = min(off[s], math.sqrt(ax * ax + ay * ay + az * az))
-                elif away <= max(beside_m, nearest[s] + 1.0):
+                    off[s] = min(off[s], away + az * az)
+                elif away <= reach[s]:
                     low[s], high[s] = min(low[s], z[i]), max(high[s], z[i])
+            for s in range(n if not again else 0):
+                nearest[s], off[s] = math.sqrt(nearest[s]), math.sqrt(off[s])
+                reach[s] = max(beside_m, nearest[s] + 1.0) ** 2
         for s in range(n):
             below, over = low[s] - pz, pz - high[s]
             mild[s] = math.hypot(nearest[s], max(below, over, 0.0))
