@@ -86,7 +86,7 @@ class Past:
     ) -> Confidence:
         """The q-th answer by all up to it."""
         about = self.buildings, fragment.origin, float(self.walked[q]), fragment.drift
-        return sure.weighed(self.filter.observe(sure.answers, *about), verifier.mapped, found.rows)
+        return sure.weighed(self.filter.observe(sure.answers, *about))
 
 
 def reranked(

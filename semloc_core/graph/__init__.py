@@ -37,9 +37,9 @@ else:
 
 __all__ = [
     "Ages", "Change", "DriftMeter", "Floats", "GraphArrays", "GraphDeltas", "INDEX_BITS", "Ints", "LARGEST_ID",
-    "Labels", "Labelspace", "Outcome", "Reading", "SHIFT_M", "STOREYS_NEAR", "SceneGraph", "TURN_RAD", "UpdateStream", "Visibility",
-    "Way", "advice", "all_numbers", "all_unknown", "ball", "carried_sightings", "connected", "count_unknown",
-    "full_id", "is_nameless", "label_table", "labelspace_from_hydra", "lacks", "listed",
+    "Labels", "Labelspace", "Outcome", "Reading", "SHIFT_M", "STOREYS_NEAR", "SceneGraph", "TURN_RAD",
+    "UpdateStream", "Visibility", "Way", "advice", "all_numbers", "all_unknown", "ball", "carried_sightings",
+    "connected", "count_unknown", "full_id", "is_nameless", "label_table", "labelspace_from_hydra", "lacks", "listed",
     "load_labelspace", "load_synonyms", "many_balls", "mend", "nearest_parents", "node_number", "number_of",
     "object_distances", "place_spacing", "ranges", "read_graph", "resample_places", "separate", "short_id", "storey_at",
     "storeys_at", "storeys_of", "union", "visible_pairs",

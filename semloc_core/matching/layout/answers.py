@@ -159,7 +159,7 @@ def _shared(chance: Floats, at: Floats, building: Ints) -> Floats:
     if compiled():
         from semloc_core.matching.layout.compiled.answers import shared
 
-        return shared(chance, *at.T.copy(), building, 2 * MATCH_RADIUS_M, _SHARINGS, _NO_CHANCE)
+        return shared(chance, np.ascontiguousarray(at), building, 2 * MATCH_RADIUS_M, _SHARINGS, _NO_CHANCE)
     for _ in range(_SHARINGS):
         order = np.argsort(-chance, kind="stable")
         order = order[chance[order] > _NO_CHANCE]

@@ -39,7 +39,7 @@ class LayoutConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         Meta(ge=0.0, le=10.0, description="weight of a known place in walls: places beside one another are not news"),
     ] = 0.25
     coarse: Annotated[int, Meta(ge=1, le=100_000, description="places of the map that are tried in all headings")] = 400
-    fine: Annotated[int, Meta(ge=1, le=10_000, description="poses that are aligned and scored")] = 40
+    fine: Annotated[int, Meta(ge=1, le=10_000, description="poses that are aligned and scored")] = 30
     most_objects: Annotated[
         int, Meta(ge=1, le=10_000, description="objects that count at most, the nearest; bounds the cost of an answer")
     ] = 64

@@ -13,6 +13,7 @@ from semloc_core.matching.layout.building.free_space_cost import Rooms
 from semloc_core.matching.layout.building.layout import LayoutPart
 from semloc_core.matching.layout.building.objects_by_place import Around
 from semloc_core.matching.layout.compiled import compiled
+from semloc_core.matching.layout.compiled.tables import MapTable
 from semloc_core.matching.layout.config import LayoutConfig
 
 Ints32 = NDArray[np.int32]
@@ -40,6 +41,7 @@ class MappedLayout:
         rooms: the free space of each building.
         cells: (M,) numbers of the cells of `APART_M` that the places are in.
         around: the objects around each place.
+        table: the same as compiled functions read it.
 
     """
 
@@ -72,6 +74,7 @@ class MappedLayout:
         self.invented: Floats = config.invented * frequency
         self.cells: Ints = _numbered([b.cells for b in parts])
         self.odds: Floats = self.detected / (2 * np.pi * config.spread_m**2) / self.invented[self.object_classes]
+        self.table = self._table()
 
     @property
     def n_places(self) -> int:
@@ -89,19 +92,8 @@ class MappedLayout:
             return [self._storeys_at(point, row) for point, row in zip(points, rows.tolist(), strict=True)]
         from semloc_core.matching.layout.compiled.storeys import storeys_of
 
-        found = storeys_of(
-            np.ascontiguousarray(points),
-            rows,
-            self.start,
-            self.building,
-            self._lowest,
-            self._storeys,
-            int(self._storeys.max()),
-            self.storey,
-            *self.positions.T,
-            MATCH_RADIUS_M,
-            STOREYS_NEAR,
-        )
+        at = np.ascontiguousarray(points)
+        found = storeys_of(self.table, at, rows, self.storey, self._lowest, self._storeys, MATCH_RADIUS_M, STOREYS_NEAR)
         return [[on for on in each if on >= 0] for each in found.tolist()]
 
     def _storeys_at(self, point: Floats, row: int) -> list[int]:
@@ -114,6 +106,27 @@ class MappedLayout:
         near: NDArray[np.bool_] = off.max(axis=1) <= MATCH_RADIUS_M
         near[row - first] = True
         return storeys_at(point, self.positions[first:last][near], storey[near].astype(np.int64))
+
+    def _table(self) -> MapTable:
+        (x, y, z), (object_x, object_y, object_z), around = self.positions.T, self.object_positions.T, self.around
+        return MapTable(
+            x=x,
+            y=y,
+            z=z,
+            building=self.building,
+            place_start=self.start,
+            start=around.start,
+            objects=around.objects,
+            classes=around.classes,
+            metres=around.metres,
+            bearing=around.bearing,
+            up=around.up,
+            object_x=object_x,
+            object_y=object_y,
+            object_z=object_z,
+            odds=self.odds,
+            detected=self.detected,
+        )
 
     def weights(self, likely: Floats) -> Floats:
         """(n, C) what the odds of an object to be a mapped one of each class are to be multiplied by.

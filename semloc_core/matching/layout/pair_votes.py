@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 from semloc_core.graph import Floats, Ints, ranges
 from semloc_core.matching.layout.building.near_pairs import Nearby, nearest
 from semloc_core.matching.layout.compiled import compiled
+from semloc_core.matching.layout.compiled.tables import Alike, PairTable
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.text import short_repr
 
 LEAST_M, REACH_M = 0.8, 7.0
 """Pairs are so far apart: nearer ones have no heading, farther ones are too many."""
-PARTNERS = 48
-"""Partners of an object at most, the nearest."""
 TOLERANCE_M, HEIGHT_M = 0.7, 0.8
 """Pairs that differ by more in distance, or in difference of height, are not alike."""
 VOTERS = 20
@@ -31,7 +30,7 @@ VOTERS = 20
 HITS = 24_000
 """Hits that vote at most, but for those of the rarest pair."""
 CELL_M, LAYER_M, HEADINGS = 1.2, 2.0, 24
-BEST, KEPT = 800, 200
+BEST, KEPT = 1200, 400
 """Cells that are looked at together with those beside them, and those that propose a place."""
 NEAR_M = 2.0
 """A vote farther from any place of its building stands in no free space."""
@@ -118,13 +117,24 @@ class PairVotes:
         self._middle, self._height = (at[first] + at[second]) / 2, (objects[first, 2] + objects[second, 2]) / 2
         self._rise = objects[second, 2] - objects[first, 2]
         self._of_place = building
-        self._at, self._columns = places, tuple(np.ascontiguousarray(axis) for axis in places.T)
-        self._start = np.searchsorted(building, np.arange(len(pairs) + 1))
+        self._at, self._start = places, np.searchsorted(building, np.arange(len(pairs) + 1))
         self._corner = np.zeros(len(pairs), dtype=np.complex128)
         for number, (low, size) in enumerate(zip(before, sizes, strict=False)):
             if size:
                 x, y, _ = objects[low : low + size].min(axis=0)
                 self._corner[number] = x + 1j * y
+
+        self._table = PairTable(
+            self._building,
+            _parts(self._heading),
+            self._steps,
+            _parts(self._middle),
+            self._height,
+            self._rise,
+            _parts(self._corner),
+            self._start,
+            *(np.ascontiguousarray(axis) for axis in places.T),
+        )
 
     def rows(self, fragment: Fragment, only: NDArray[np.bool_] | None = None) -> Ints:
         """Places of the map where the most votes are, best first, each once.
@@ -150,7 +160,7 @@ class PairVotes:
         hits, seen = self._hits(fragment, alike, can)
         if not len(hits):
             return np.zeros(0, dtype=np.int64)
-        i, j, off, weight = alike.i, alike.j, alike.off, alike.worth[seen]
+        i, j, off, weight = alike.i, alike.j, alike.off.view(np.complex128)[:, 0], alike.worth[seen]
         here = fragment.objects[:, 0] + 1j * fragment.objects[:, 1]
         up = fragment.objects[:, 2]
         turn = self._heading[hits] * np.conj(off[seen])
@@ -179,30 +189,8 @@ class PairVotes:
         """As of `_voted`."""
         from semloc_core.matching.layout.compiled.votes import vote
 
-        heading, middle, corner = (values.view(np.float64).reshape(-1, 2) for values in (self._heading, self._middle, self._corner))
-        return vote(
-            alike.low,
-            alike.number,
-            alike.order,
-            alike.worth,
-            alike.i,
-            alike.j,
-            alike.off.view(np.float64).reshape(-1, 2),
-            alike.steps,
-            np.ascontiguousarray(fragment.objects),
-            self._building,
-            heading,
-            self._steps,
-            middle,
-            self._height,
-            self._rise,
-            corner,
-            can,
-            self._start,
-            *self._columns,
-            (CELL_M, LAYER_M, HEIGHT_M, NEAR_M),
-            (HEADINGS, BEST, KEPT, _BITS, _MIDDLE),
-        )
+        metres, numbers = (CELL_M, LAYER_M, HEIGHT_M, NEAR_M), (HEADINGS, BEST, KEPT, _BITS, _MIDDLE)
+        return vote(self._table, alike, np.ascontiguousarray(fragment.objects), can, metres, numbers)
 
     def _nearest(self, poses: Floats, building: Ints) -> Ints:
         """(N,) the nearest place of its building to each pose (N, 3), metres; -1 where none is near."""
@@ -239,7 +227,8 @@ class PairVotes:
         order = order[np.cumsum(number[order]) <= max(HITS, number[order[:1]].sum())]
         # Whole numbers: their sums are exact, whatever the order.
         worth = np.rint(16 * np.log1p(len(self._keys) / np.maximum(number, 1))).astype(np.int64)
-        return Alike(i, j, off / np.maximum(metres, 1e-9), _steps(off), low, number, order, worth)
+        directions = _parts(off / np.maximum(metres, 1e-9))
+        return Alike(i, j, directions, _steps(off), low, number, order, worth)
 
     def _hits(self, fragment: Fragment, alike: Alike, can: NDArray[np.bool_]) -> tuple[Ints, Ints]:
         """(H,) mapped pairs, and the numbers of the seen pairs that they are like."""
@@ -250,30 +239,9 @@ class PairVotes:
         return hits[use], seen[use]
 
 
-@short_repr
-@dataclass(frozen=True, eq=False)
-class Alike:
-    """Seen pairs of objects, and the run of mapped pairs that are like each.
-
-    Args:
-        i, j: (S,) numbers of the seen objects.
-        off: (S,) complex, the direction from one to the other, of length one.
-        steps: (S,) the same, as so many of `HEADINGS`.
-        low: (S,) where the run begins.
-        number: (S,) how long it is.
-        order: those that vote, the rarest first.
-        worth: (S,) what each vote weighs.
-
-    """
-
-    i: Ints
-    j: Ints
-    off: NDArray[np.complex128]
-    steps: Floats
-    low: Ints
-    number: Ints
-    order: Ints
-    worth: Ints
+def _parts(points: NDArray[np.complex128]) -> Floats:
+    """(…, 2) of complex numbers, the same memory."""
+    return points.view(np.float64).reshape(-1, 2)
 
 
 def _steps(off: NDArray[np.complex128]) -> Floats:

@@ -14,8 +14,8 @@ from semloc_core.matching.layout.config import LayoutConfig
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
 from semloc_core.matching.layout.pair_votes import PairVotes
-from semloc_core.matching.layout.pose.align import align
-from semloc_core.matching.layout.pose.heading_vote import best_poses, heading_scores
+from semloc_core.matching.layout.pose.align import against, align
+from semloc_core.matching.layout.pose.heading_vote import STEP, WIDE, best_poses, heading_scores, with_ties
 from semloc_core.matching.layout.ring_score import CoarseScan, affordable
 from semloc_core.text import short_repr
 
@@ -151,9 +151,14 @@ class LayoutVerifier:
     def poses(self, fragment: Fragment, candidates: Ints) -> tuple[Ints, Floats]:
         """(T,) rows and (T,) headings, radians, at which a fragment with an object may fit some of (K,) rows best."""
         scores = heading_scores(self.mapped, fragment, candidates)
-        at, of = self.mapped.positions[candidates], self.mapped.building[candidates]
-        chosen, heading = best_poses(scores, at, of, self.config.fine, APART_M)
-        return candidates[chosen], heading
+        chosen, step = best_poses(self.mapped, candidates, scores, WIDE * self.config.fine, APART_M)
+        rows: Ints = candidates[chosen]
+        heading: Floats = (step * STEP).astype(np.float64)
+        # What the map explains was voted for; of those that have most of that some have no room for it.
+        missing, walls = against(self.mapped, fragment, rows, heading)
+        value = scores[chosen, step].astype(np.float64) - missing - walls
+        order = np.argsort(-value, kind="stable")[: with_ties(value, self.config.fine)]
+        return rows[order], heading[order]
 
     def tested(self, fragment: Fragment, rows: Ints, heading: Floats) -> Verified:
         """Align a fragment at (T,) rows and headings, radians, one at least."""

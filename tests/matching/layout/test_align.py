@@ -166,26 +166,32 @@ def test_objects_vote_for_the_heading_that_the_robot_has(homes, angle):
     assert min(off, 2 * np.pi - off) <= np.pi / HEADINGS + 1e-6
 
 
+def _row_of(positions):
+    """A map with a place at each position, metres."""
+    return layout(building([[0.0, 0, 0]], [1], positions))
+
+
 def test_poses_beside_one_another_are_one():
     scores = np.zeros((3, HEADINGS), dtype=np.float32)
     scores[0, 3], scores[1, 4], scores[2, 3], scores[0, 15] = 3.0, 2.0, 1.0, 0.5
-    positions = np.array([[0.0, 0, 0], [0.5, 0, 0], [5.0, 0, 0]])
-    place, heading = best_poses(scores, positions, np.zeros(3, dtype=np.int64), 10, 1.0)
+    mapped, rows = _row_of([[0.0, 0, 0], [0.5, 0, 0], [5.0, 0, 0]]), np.arange(3)
+    place, heading = best_poses(mapped, rows, scores, 10, 1.0)
     assert place.tolist() == [0, 2, 0]
-    np.testing.assert_allclose(heading, np.array([3, 3, 15]) * 2 * np.pi / HEADINGS)
+    assert heading.tolist() == [3, 3, 15]
     scores[0, 3] = 8.0
-    assert len(best_poses(scores, positions, np.zeros(3, dtype=np.int64), 1, 1.0)[0]) == 1
+    assert len(best_poses(mapped, rows, scores, 1, 1.0)[0]) == 1
 
 
 def test_poses_that_tie_are_all_kept_up_to_a_bound():
     """A tower of flats: which of them is tried must not be left to their order."""
-    scores, positions = np.zeros((100, HEADINGS), dtype=np.float32), 10.0 * np.arange(300.0).reshape(100, 3)
+    scores, mapped = np.zeros((100, HEADINGS), dtype=np.float32), _row_of(10.0 * np.arange(300.0).reshape(100, 3))
+    rows = np.arange(100)
     scores[:, 3] = 7.0
     scores[6:8, 3] = 7.0 + TIED / 2
-    place, _ = best_poses(scores, positions, np.zeros(100, dtype=np.int64), 5, 1.0)
+    place, _ = best_poses(mapped, rows, scores, 5, 1.0)
     assert place.tolist() == [6, 7, *range(6), *range(8, 5 * MORE)]
     scores[6:8, 3] = 7.1 + TIED
-    assert best_poses(scores, positions, np.zeros(100, dtype=np.int64), 5, 1.0)[0].tolist() == [6, 7, 0, 1, 2]
+    assert best_poses(mapped, rows, scores, 5, 1.0)[0].tolist() == [6, 7, 0, 1, 2]
 
 
 def _room(noise_m: float) -> Aligned:

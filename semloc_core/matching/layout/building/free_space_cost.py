@@ -75,10 +75,19 @@ class Rooms:
         if compiled():
             from semloc_core.matching.layout.compiled import poses
 
-            of = np.stack([turn.real, turn.imag], axis=1), np.ascontiguousarray(origin), np.ascontiguousarray(places)
-            cells = self._low, self._shape, self._first, self._cost
-            return poses.lost(building, *of, *cells, RIM, (ROOM_CELL_M, ROOM_LAYER_M))
-        low, size = self._low[building], self._shape[building]
+            return poses.lost(
+                building,
+                np.stack([turn.real, turn.imag], axis=1),
+                np.ascontiguousarray(origin),
+                np.ascontiguousarray(places),
+                self._low,
+                self._shape,
+                self._first,
+                self._cost,
+                RIM,
+                (ROOM_CELL_M, ROOM_LAYER_M),
+            )
+        low, size = self._low[building], self._shape[building].astype(np.float64)
         x, y, z = places.T
         ground = np.vstack([x, y, np.ones(len(x))])
         c, s, off = turn.real, turn.imag, (origin - low) / _CELL + RIM

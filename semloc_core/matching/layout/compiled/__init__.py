@@ -1,4 +1,4 @@
-"""The test by layout, compiled where numba is installed (the extra ``fast``): the same answers at a third of the time."""
+"""The test by layout, compiled where numba is installed (the extra ``fast``): the same answers, sooner."""
 
 from __future__ import annotations
 

@@ -13,14 +13,12 @@ from semloc_core.matching.layout.compiled.kernel import kernel
 
 
 @kernel
-def shared(
-    chance: Floats, x: Floats, y: Floats, z: Floats, building: Ints, apart_m: float, times: int, none: float
-) -> Floats:
+def shared(chance: Floats, at: Floats, building: Ints, apart_m: float, times: int, none: float) -> Floats:
     """(K,) as of `answers._shared`.
 
     Args:
         chance: (K,) of each place.
-        x, y, z: (K,) metres.
+        at: (K, 3) metres.
         building: (K,) of each.
         apart_m: two places further apart can't both be right.
         times: how often chances are lowered at most.
@@ -38,10 +36,10 @@ def shared(
         while n:
             first, kept = left[0], 0
             for i in range(n):
-                at = left[i]
-                ax, ay, az = x[at] - x[first], y[at] - y[first], z[at] - z[first]
-                if building[at] != building[first] or ax * ax + ay * ay + az * az > apart_m * apart_m:
-                    left[kept] = at
+                other = left[i]
+                ax, ay, az = at[other, 0] - at[first, 0], at[other, 1] - at[first, 1], at[other, 2] - at[first, 2]
+                if building[other] != building[first] or ax * ax + ay * ay + az * az > apart_m * apart_m:
+                    left[kept] = other
                     kept += 1
             if total == 0.0:
                 elsewhere = left[:kept].copy()
@@ -50,6 +48,6 @@ def shared(
         if total <= 1.0:
             break
         best = chance[order[0]]
-        for at in elsewhere:
-            chance[at] *= (1.0 - best) / (total - best)
+        for other in elsewhere:
+            chance[other] *= (1.0 - best) / (total - best)
     return chance

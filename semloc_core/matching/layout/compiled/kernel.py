@@ -6,11 +6,7 @@ from collections.abc import Callable
 from typing import TypeVar, cast
 
 import numba
-import numpy as np
-from numpy.typing import NDArray
 
-Ints32 = NDArray[np.int32]
-Bools = NDArray[np.bool_]
 Work = TypeVar("Work", bound=Callable[..., object])
 
 

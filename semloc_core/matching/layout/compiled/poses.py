@@ -11,15 +11,15 @@ import math
 import numpy as np
 
 from semloc_core.graph import Floats, Ints
-from semloc_core.matching.layout.building.objects_by_place import Floats32
-from semloc_core.matching.layout.compiled.kernel import Bools, Ints32, kernel
+from semloc_core.matching.layout.compiled.kernel import kernel
+from semloc_core.matching.layout.compiled.tables import Floats32, Looked, MapTable, SeenTable
 
 _LEAST = -60.0
 
 
 @kernel
 def exp(x: Floats, n: int) -> None:
-    """e to the first n of x, which are 0 or less, in place.
+    """Put e to the power of the first n of x, which are 0 or less, in their place.
 
     Without branches and calls, so that eight are made at once, of an array that has room for that: what comes after the
     first n is lost. The same bits on every processor. Relative error below 1e-11 down to e^-20.
@@ -80,40 +80,25 @@ def by_class(classes: Ints, weights: Floats) -> tuple[Ints, Ints]:
 
 @kernel
 def heading_scores(
+    table: MapTable,
+    voters: SeenTable,
     candidates: Ints,
-    start: Ints,
-    around_objects: Ints32,
-    around_classes: Ints32,
-    around_metres: Floats32,
-    around_bearing: Floats32,
-    around_up: Floats32,
-    map_x: Floats,
-    map_y: Floats,
-    object_x: Floats,
-    object_y: Floats,
-    odds: Floats,
-    x: Floats,
-    y: Floats,
-    up: Floats,
-    classes: Ints,
-    weights: Floats,
     numbers: tuple[float, float, float, float],
-    beside: int,
-    headings: int,
+    counts: tuple[int, int],
 ) -> Floats32:
     """(K, headings) as of `pose.heading_vote.heading_scores`, for (K,) rows of a map.
 
     Args:
+        table: the map.
+        voters: the objects that vote.
         candidates: (K,) rows.
-        start, around_objects, around_classes, around_metres, around_bearing, around_up: `Around`.
-        map_x, map_y: of the map's places, metres.
-        object_x, object_y, odds: of the map's objects.
-        x, y, up, classes: (n,) of the voters, metres.
-        weights: (n, C) of the voters, C = 0 where each is of its class.
-        numbers: spreads in the plane and in height, metres, `NEAR` and `SHARP`.
-        beside, headings: as there.
+        numbers: spreads in the plane and in height, metres, `NEAR` and `SHARP` there.
+        counts: `BESIDE` and `HEADINGS`.
 
     """
+    beside, headings = counts
+    classes, weights = voters.classes, voters.weights
+    x, y, up = voters.objects[:, 0].copy(), voters.objects[:, 1].copy(), voters.objects[:, 2].copy()
     spread_m, height_spread_m, near, sharp = numbers
     n, k = len(x), len(candidates)
     metres, bearing = np.sqrt(x * x + y * y), np.arctan2(y, x)
@@ -132,8 +117,8 @@ def heading_scores(
     for at in range(k):
         row = candidates[at]
         said[:] = False
-        for e in range(start[row], start[row + 1]):
-            of, far, above = around_classes[e], around_metres[e], around_up[e]
+        for e in range(table.start[row], table.start[row + 1]):
+            of, far, above = table.classes[e], table.metres[e], table.up[e]
             if of >= len(first) - 1:
                 continue
             for member in range(first[of], first[of + 1]):
@@ -143,8 +128,8 @@ def heading_scores(
                     continue
                 if not said[i]:
                     said[i], total[i] = True, 1.0
-                o = around_objects[e]
-                peak, ox, oy = odds[o], object_x[o] - map_x[row], object_y[o] - map_y[row]
+                o = table.objects[e]
+                peak, ox, oy = table.odds[o], table.object_x[o] - table.x[row], table.object_y[o] - table.y[row]
                 if mixed:
                     peak *= weights[i, of]
                 along /= spread_m
@@ -155,7 +140,7 @@ def heading_scores(
                 less -= scale
                 c, s = (x[i] * ox + y[i] * oy) * factor, (x[i] * oy - y[i] * ox) * factor
                 if 4.0 * scale >= sharp:
-                    turn = around_bearing[e] - bearing[i]
+                    turn = table.bearing[e] - bearing[i]
                     first_h = int(np.rint(turn / step)) - beside
                     while first_h < 0:
                         first_h += headings
@@ -195,14 +180,7 @@ def heading_scores(
 
 @kernel
 def best_poses(
-    scores: Floats32,
-    x: Floats,
-    y: Floats,
-    z: Floats,
-    building: Ints,
-    most: int,
-    numbers: tuple[float, float],
-    more: int,
+    table: MapTable, candidates: Ints, scores: Floats32, most: int, more: int, numbers: tuple[float, float]
 ) -> tuple[Ints, Ints]:
     """Candidates' numbers and numbers of headings of poses, as of `pose.heading_vote.best_poses`."""
     apart_m, tied = numbers
@@ -212,7 +190,7 @@ def best_poses(
     for i in range(k):
         for h in range(headings):
             s = scores[i, h]
-            if s > 0 and s >= scores[i, (h + 1) % headings] and s >= scores[i, (h - 1) % headings]:
+            if s > 0 and s >= scores[i, h + 1 - headings] and s >= scores[i, h - 1]:
                 place[number], heading[number], value[number] = i, h, s
                 number += 1
                 best = max(best, s)
@@ -225,16 +203,16 @@ def best_poses(
     kept = np.empty(most, np.int64)
     n = 0
     for i in order:
-        p, free = place[i], True
+        p, free = candidates[place[i]], True
         for j in kept[:n]:
-            q = place[j]
+            q = candidates[place[j]]
             turned = abs(heading[j] - heading[i])
             if (
                 (turned <= 2 or turned >= headings - 2)
-                and building[p] == building[q]
-                and abs(x[p] - x[q]) < apart_m
-                and abs(y[p] - y[q]) < apart_m
-                and abs(z[p] - z[q]) < apart_m
+                and table.building[p] == table.building[q]
+                and abs(table.x[p] - table.x[q]) < apart_m
+                and abs(table.y[p] - table.y[q]) < apart_m
+                and abs(table.z[p] - table.z[q]) < apart_m
             ):
                 free = False
                 break
@@ -248,26 +226,11 @@ def best_poses(
 
 @kernel
 def align(
+    table: MapTable,
+    seen: SeenTable,
+    looked: Looked,
     rows: Ints,
     heading: Floats,
-    start: Ints,
-    around_objects: Ints32,
-    around_classes: Ints32,
-    map_x: Floats,
-    map_y: Floats,
-    map_z: Floats,
-    object_x: Floats,
-    object_y: Floats,
-    object_z: Floats,
-    odds: Floats,
-    detected: Floats,
-    objects: Floats,
-    classes: Ints,
-    weights: Floats,
-    seen: Bools,
-    low: Floats,
-    cell_m: Floats,
-    rim: int,
     numbers: tuple[float, float, float, float, float],
     narrower: tuple[float, ...],
     counts: tuple[int, int, int],
@@ -275,22 +238,20 @@ def align(
     """Turns and shifts, rises, explained and expected of T poses, as of `pose.align.align`.
 
     Args:
+        table: the map.
+        seen: n objects.
+        looked: where the robot has.
         rows: (T,) of the map.
         heading: (T,) radians.
-        start, around_objects, around_classes: `Around`.
-        map_x, map_y, map_z: of the map's places, metres.
-        object_x, object_y, object_z, odds, detected: of the map's objects.
-        objects, classes: (n, 3), (n,) seen.
-        weights: (n, C) of these, C = 0 where each is of its class.
-        seen, low, cell_m, rim: cells near places that the robot knows (`expected_objects`).
-        numbers: spreads of objects, of the robot and of heights, metres, `FAR` and `FARTHER`.
-        narrower: as there.
+        numbers: spreads of objects, of the robot and of heights, metres, `FAR` and `FARTHER` there.
+        narrower: `NARROWER`.
         counts: `ROUNDS`, `MORE_ROUNDS` and `FREE`.
 
     Returns:
         (T, 4) cosine and sine of the turn, shift in x and y; (T,) rise; (T, n) explained; (T,) expected.
 
     """
+    objects, classes, weights = seen.objects, seen.classes, seen.weights
     spread_m, off_m, height_spread_m, far, farther = numbers
     rounds, more_rounds, free = counts
     t_all, n = len(rows), len(classes)
@@ -306,16 +267,15 @@ def align(
     wide, mixture, kept_share = np.empty(size), np.empty(size), np.empty(size)
     of = np.empty(size, np.int64)
     total, gain = np.empty(n), np.empty(n)
-    nx, ny, nz = seen.shape
     for t in range(t_all):
         row = rows[t]
         c, s = math.cos(heading[t]), math.sin(heading[t])
         dx, dy = 0.0, 0.0
         k = 0
-        px, py, pz = map_x[row], map_y[row], map_z[row]
-        for e in range(start[row], start[row + 1]):
-            o, kind = around_objects[e], around_classes[e]
-            ox, oy, oz = object_x[o] - px, object_y[o] - py, object_z[o] - pz
+        px, py, pz = table.x[row], table.y[row], table.z[row]
+        for e in range(table.start[row], table.start[row + 1]):
+            o, kind = table.objects[e], table.classes[e]
+            ox, oy, oz = table.object_x[o] - px, table.object_y[o] - py, table.object_z[o] - pz
             # As a robot with this heading has it.
             wx, wy = c * ox + s * oy, c * oy - s * ox
             if kind >= len(first) - 1:
@@ -338,7 +298,7 @@ def align(
                     of = longer
                 sx[k], sy[k], yx[k], yy[k] = objects[i, 0], objects[i, 1], ox, oy
                 above[k], of[k] = oz - objects[i, 2], i
-                peak[k] = odds[o] * math.exp(-0.5 * over * over)
+                peak[k] = table.odds[o] * math.exp(-0.5 * over * over)
                 if mixed:
                     peak[k] *= weights[i, kind]
                 k += 1
@@ -398,17 +358,41 @@ def align(
             up += kept_share[j] * above[j]
             weight += kept_share[j]
         rise[t] = up / weight
-        missing = 0.0
-        for e in range(start[row], start[row + 1]):
-            o = around_objects[e]
-            ox, oy, oz = object_x[o] - px - dx, object_y[o] - py - dy, object_z[o] - pz
-            ix = _cell((c * ox + s * oy - low[0]) / cell_m[0], rim, nx)
-            iy = _cell((c * oy - s * ox - low[1]) / cell_m[1], rim, ny)
-            iz = _cell((oz - low[2]) / cell_m[2], rim, nz)
-            if seen[ix, iy, iz]:
-                missing += detected[o]
-        expected[t] = missing
+        expected[t] = _expected(table, looked, row, c, s, dx, dy)
     return pose, rise, explained, expected
+
+
+@kernel
+def expected(table: MapTable, looked: Looked, rows: Ints, turn: Floats) -> Floats:
+    """(T,) how many mapped objects near known places would be detected, as of `pose.expected_objects.expected`.
+
+    Args:
+        table: the map.
+        looked: where the robot has.
+        rows: (T,) of the map, where the robot is.
+        turn: (T, 2) cosine and sine.
+
+    """
+    found = np.empty(len(rows))
+    for t in range(len(rows)):
+        found[t] = _expected(table, looked, rows[t], turn[t, 0], turn[t, 1], 0.0, 0.0)
+    return found
+
+
+@kernel
+def _expected(table: MapTable, looked: Looked, row: int, c: float, s: float, dx: float, dy: float) -> float:
+    px, py, pz, total = table.x[row] + dx, table.y[row] + dy, table.z[row], 0.0
+    nx, ny, nz = looked.cells.shape
+    low, cell_m = looked.low, looked.cell_m
+    for e in range(table.start[row], table.start[row + 1]):
+        o = table.objects[e]
+        ox, oy, oz = table.object_x[o] - px, table.object_y[o] - py, table.object_z[o] - pz
+        ix = _cell((c * ox + s * oy - low[0]) / cell_m[0], looked.rim, nx)
+        iy = _cell((c * oy - s * ox - low[1]) / cell_m[1], looked.rim, ny)
+        iz = _cell((oz - low[2]) / cell_m[2], looked.rim, nz)
+        if looked.cells[ix, iy, iz]:
+            total += table.detected[o]
+    return total
 
 
 @kernel

@@ -11,28 +11,17 @@ import math
 import numpy as np
 
 from semloc_core.graph import Floats, Ints
-from semloc_core.matching.layout.compiled.kernel import Ints32, kernel
+from semloc_core.matching.layout.compiled.kernel import kernel
+from semloc_core.matching.layout.compiled.tables import MapTable, SeenTable
 
 
 @kernel
 def refine(
+    table: MapTable,
+    seen: SeenTable,
     rows: Ints,
     heading: Floats,
     shift: Floats,
-    start: Ints,
-    around_objects: Ints32,
-    around_classes: Ints32,
-    map_x: Floats,
-    map_y: Floats,
-    map_z: Floats,
-    object_x: Floats,
-    object_y: Floats,
-    object_z: Floats,
-    odds: Floats,
-    objects: Floats,
-    classes: Ints,
-    ages: Floats,
-    weights: Floats,
     tried: Floats,
     spreads: tuple[float, ...],
     bounds: tuple[float, ...],
@@ -42,14 +31,11 @@ def refine(
     """What `pose.refine._together` puts together, of T poses by D drifts.
 
     Args:
+        table: the map.
+        seen: n objects.
         rows, heading, shift: (T,), (T,), (T, 2) the poses, as of `pose.refine.refine`.
-        start, around_objects, around_classes: `Around`.
-        map_x, map_y, map_z: of the map's places, metres.
-        object_x, object_y, object_z, odds: of the map's objects.
-        objects, classes, ages: (n, 3), (n,), (n,) seen.
-        weights: (n, C) of these, C = 0 where each is of its class.
         tried: (D,) drifts.
-        spreads: `SPREADS_M`.
+        spreads: `SPREADS_M` there.
         bounds: `AGES_M`.
         pairing: how far pairs reach in the plane, metres, and in height, spreads; both spreads, metres.
         numbers: `SHIFT_M`, `TURN_RAD`, `LEAST_M`, `MOST_M`, `USUAL_M`, `USUAL_WEIGHT`, `FREEDOM`, `DOUBT_WEIGHT` and
@@ -60,6 +46,7 @@ def refine(
         in height; (D, T, 3, 3) covariance; (D, T) variance in height.
 
     """
+    objects, classes, ages, weights = seen
     reach, far, spread_m, height_spread_m = pairing
     shift_m, turn_rad, least_m, most_m, usual_m, usual_weight, freedom, doubted, height_m = numbers
     t_all, n, d_all = len(rows), len(classes), len(tried)
@@ -69,9 +56,13 @@ def refine(
     k = 0
     for t in range(t_all):
         row, c, s = rows[t], math.cos(heading[t]), math.sin(heading[t])
-        for e in range(start[row], start[row + 1]):
-            o, kind = around_objects[e], around_classes[e]
-            ox, oy, oz = object_x[o] - map_x[row], object_y[o] - map_y[row], object_z[o] - map_z[row]
+        for e in range(table.start[row], table.start[row + 1]):
+            o, kind = table.objects[e], table.classes[e]
+            ox, oy, oz = (
+                table.object_x[o] - table.x[row],
+                table.object_y[o] - table.y[row],
+                table.object_z[o] - table.z[row],
+            )
             ax, ay = ox - shift[t, 0], oy - shift[t, 1]
             wx, wy = c * ax + s * ay, c * ay - s * ax
             for i in range(n):
@@ -89,7 +80,14 @@ def refine(
                     more, many = np.empty((2 * k, 6)), np.empty(2 * k, np.int64)
                     more[:k], many[:k] = pairs, of
                     pairs, of = more, many
-                pairs[k] = objects[i, 0], objects[i, 1], ox, oy, oz - objects[i, 2], odds[o] * weight * spread_m**2
+                pairs[k] = (
+                    objects[i, 0],
+                    objects[i, 1],
+                    ox,
+                    oy,
+                    oz - objects[i, 2],
+                    table.odds[o] * weight * spread_m**2,
+                )
                 pairs[k, 5] *= math.exp(-0.5 * over * over)
                 of[k] = i
                 k += 1
@@ -179,9 +177,7 @@ def refine(
 
 
 @kernel
-def _squares(
-    into: Floats, pairs: Floats, low: int, high: int, c: float, s: float, dx: float, dy: float
-) -> None:
+def _squares(into: Floats, pairs: Floats, low: int, high: int, c: float, s: float, dx: float, dy: float) -> None:
     """Squared distances of seen and mapped objects at a pose, m²."""
     for j in range(low, high):
         ax = c * pairs[j, 0] - s * pairs[j, 1] + dx - pairs[j, 2]
@@ -237,9 +233,7 @@ def _fit(weight: Floats, pairs: Floats, low: int, high: int) -> tuple[float, flo
 
 
 @kernel
-def _settled(
-    info: Floats, youngest: Floats, tried: float, shift_m: float, turn_rad: float, known: Floats
-) -> Floats:
+def _settled(info: Floats, youngest: Floats, tried: float, shift_m: float, turn_rad: float, known: Floats) -> Floats:
     """(3,) what a pose is still to be moved by, as of `pose.refine._settled`; ``known`` (3, 3) is its covariance."""
     mean, last = np.zeros(3), -1.0
     known[:] = np.eye(3)

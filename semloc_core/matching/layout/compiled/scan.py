@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from semloc_core.graph import Ints
-from semloc_core.matching.layout.building.objects_by_place import Floats32
 from semloc_core.matching.layout.compiled.kernel import kernel
+from semloc_core.matching.layout.compiled.tables import Floats32
 
 _BLOCK = 1024
 

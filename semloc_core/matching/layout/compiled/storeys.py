@@ -11,46 +11,41 @@ import math
 import numpy as np
 
 from semloc_core.graph import Floats, Ints
-from semloc_core.matching.layout.compiled.kernel import Ints32, kernel
+from semloc_core.matching.layout.compiled.kernel import kernel
+from semloc_core.matching.layout.compiled.tables import Ints32, MapTable
 
 
 @kernel
 def storeys_of(
+    table: MapTable,
     points: Floats,
     rows: Ints,
-    start: Ints,
-    building: Ints,
+    storey: Ints32,
     first: Ints32,
     number: Ints,
-    most: int,
-    storey: Ints32,
-    x: Floats,
-    y: Floats,
-    z: Floats,
     radius_m: float,
     numbers: tuple[float, float, float],
 ) -> Ints:
     """(A, most) the storeys that each point may be said to be on, the likeliest first; -1 where there are no more.
 
     Args:
+        table: the map.
         points: (A, 3) metres.
         rows: (A,) of the map, a place of each point's building that counts whatever its distance.
-        start: (B + 1,) where each building's places begin.
-        building: (M,) of each place.
+        storey: (M,) of the places.
         first, number: (B,) each building's lowest storey, and how many it has: they are numbered through.
-        most: the most that any has.
-        storey, x, y, z: (M,) of the places, metres.
         radius_m: places further in the plane, along either axis, don't count.
         numbers: `BESIDE_M`, `ABOVE` and `BETWEEN_M` of `graph.storeys`.
 
     """
     beside_m, above, between_m = numbers
+    most = number.max()
     found = np.full((len(points), most), -1, np.int64)
     nearest, off, low, high = np.empty(most), np.empty(most), np.empty(most), np.empty(most)
     reach = np.empty(most)
     mild, strict, taken = np.empty(most), np.empty(most), np.empty(most, np.bool_)
     for a in range(len(points)):
-        b, row = building[rows[a]], rows[a]
+        b, row = table.building[rows[a]], rows[a]
         base, n = first[b], number[b]
         if n == 1:
             found[a, 0] = base
@@ -58,8 +53,8 @@ def storeys_of(
         px, py, pz = points[a]
         nearest[:], off[:], low[:], high[:], taken[:] = np.inf, np.inf, np.inf, -np.inf, False
         for again in range(2):
-            for i in range(start[b], start[b + 1]):
-                ax, ay, az = abs(x[i] - px), abs(y[i] - py), z[i] - pz
+            for i in range(table.place_start[b], table.place_start[b + 1]):
+                ax, ay, az = abs(table.x[i] - px), abs(table.y[i] - py), table.z[i] - pz
                 if (ax > radius_m or ay > radius_m) and i != row:
                     continue
                 s, away = storey[i] - base, ax * ax + ay * ay
@@ -67,7 +62,7 @@ def storeys_of(
                     nearest[s] = min(nearest[s], away)
                     off[s] = min(off[s], away + az * az)
                 elif away <= reach[s]:
-                    low[s], high[s] = min(low[s], z[i]), max(high[s], z[i])
+                    low[s], high[s] = min(low[s], table.z[i]), max(high[s], table.z[i])
             for s in range(n if not again else 0):
                 nearest[s], off[s] = math.sqrt(nearest[s]), math.sqrt(off[s])
                 reach[s] = max(beside_m, nearest[s] + 1.0) ** 2

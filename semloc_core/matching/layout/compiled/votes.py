@@ -11,49 +11,30 @@ import math
 import numpy as np
 
 from semloc_core.graph import Floats, Ints
-from semloc_core.matching.layout.compiled.kernel import Bools, kernel
+from semloc_core.matching.layout.compiled.kernel import kernel
+from semloc_core.matching.layout.compiled.tables import Alike, Bools, PairTable
 
 
 @kernel
 def vote(
-    low: Ints,
-    number: Ints,
-    order: Ints,
-    worth: Ints,
-    i: Ints,
-    j: Ints,
-    off: Floats,
-    steps: Floats,
+    table: PairTable,
+    alike: Alike,
     objects: Floats,
-    pair_building: Ints,
-    pair_off: Floats,
-    pair_steps: Floats,
-    pair_middle: Floats,
-    pair_z: Floats,
-    pair_rise: Floats,
-    corner: Floats,
     can: Bools,
-    place_start: Ints,
-    place_x: Floats,
-    place_y: Floats,
-    place_z: Floats,
     metres: tuple[float, float, float, float],
     numbers: tuple[int, int, int, int, int],
 ) -> Ints:
     """(N,) the place of the map nearest to each of the best cells, best first; -1 where none is near.
 
     Args:
-        low, number, order, worth, i, j, off, steps: of the seen pairs, as in `pair_votes.Alike`.
+        table: the map.
+        alike: seen pairs.
         objects: (n, 3) seen, metres.
-        pair_building, pair_off, pair_steps, pair_middle, pair_z, pair_rise: of the mapped pairs: building, direction,
-            middle, its height, and by how much the second is higher.
-        corner: (B, 2) of each building.
-        can: (B,) whether the robot may be there.
-        place_start: (B + 1,) where each building's places begin.
-        place_x, place_y, place_z: of these, metres.
+        can: (B,) whether the robot may be in a building.
         metres, numbers: constants of `pair_votes`.
 
     """
+    i, j, off, steps, low, number, order, worth = alike
     cell_m, layer_m, height_m, near_m = metres
     headings, most, kept, bits, middle = numbers
     hits = 0
@@ -72,18 +53,18 @@ def vote(
         middle_x, middle_y = (objects[a, 0] + objects[b, 0]) / 2, (objects[a, 1] + objects[b, 1]) / 2
         middle_z, rise = (objects[a, 2] + objects[b, 2]) / 2, objects[b, 2] - objects[a, 2]
         for hit in range(low[pair], low[pair] + number[pair]):
-            building = pair_building[hit]
-            if not can[building] or abs(pair_rise[hit] - rise) > height_m:
+            building = table.building[hit]
+            if not can[building] or abs(table.rise[hit] - rise) > height_m:
                 continue
-            u, v = pair_off[hit]
+            u, v = table.off[hit]
             c, s = u * off[pair, 0] + v * off[pair, 1], v * off[pair, 0] - u * off[pair, 1]
-            px = pair_middle[hit, 0] - (c * middle_x - s * middle_y)
-            py = pair_middle[hit, 1] - (s * middle_x + c * middle_y)
-            pz = pair_z[hit] - middle_z
-            heading = int(np.rint(pair_steps[hit] - steps[pair])) % headings
+            px = table.middle[hit, 0] - (c * middle_x - s * middle_y)
+            py = table.middle[hit, 1] - (s * middle_x + c * middle_y)
+            pz = table.z[hit] - middle_z
+            heading = int(np.rint(table.steps[hit] - steps[pair])) % headings
             cell = building << bits
-            cell = (cell + _within((px - corner[building, 0]) / cell_m, bits, middle)) << bits
-            cell = (cell + _within((py - corner[building, 1]) / cell_m, bits, middle)) << 5
+            cell = (cell + _within((px - table.corner[building, 0]) / cell_m, bits, middle)) << bits
+            cell = (cell + _within((py - table.corner[building, 1]) / cell_m, bits, middle)) << 5
             layer = int(min(max(math.floor(pz / layer_m + 0.37), -15.0), 14.0)) + 16
             cell = ((cell + layer) << 5) + heading
             slot = _slot(keys, cell)
@@ -125,8 +106,8 @@ def vote(
         many = votes[best[k]]
         px, py, pz = at[k, 0] / many, at[k, 1] / many, at[k, 2] / many
         nearest = near_m * near_m
-        for place in range(place_start[building_of[k]], place_start[building_of[k] + 1]):
-            ax, ay, az = px - place_x[place], py - place_y[place], pz - place_z[place]
+        for place in range(table.place_start[building_of[k]], table.place_start[building_of[k] + 1]):
+            ax, ay, az = px - table.place_x[place], py - table.place_y[place], pz - table.place_z[place]
             square = ax * ax + ay * ay + az * az
             if square < nearest or (square == nearest and rows[k] < 0):
                 nearest, rows[k] = square, place

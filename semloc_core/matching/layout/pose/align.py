@@ -21,17 +21,16 @@ evidence). The objects bear it by their shares.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from semloc_core.graph import Floats, Ints
-from semloc_core.matching.layout.building.free_space_cost import RIM
 from semloc_core.matching.layout.compiled import compiled
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
-from semloc_core.matching.layout.pose.expected_objects import SEEN_CELL_M, expected, seen_cells
-from semloc_core.matching.layout.pose.local_map import Complex, around_rows
+from semloc_core.matching.layout.pose.expected_objects import expected, looked_at
+from semloc_core.matching.layout.pose.local_map import Complex, around_rows, seen_table
 from semloc_core.matching.layout.pose.pairs import FAR, Pairs, fit, pairs_at
 from semloc_core.text import short_repr
 
@@ -45,6 +44,8 @@ FARTHER = 0.2
 """Share of the objects that are off by the widest spread, whatever the others are."""
 FREE = 3
 """Numbers that a pose in the plane has."""
+SOME = 4
+"""Poses are judged by one in so many known places before they are aligned."""
 
 
 @short_repr
@@ -109,33 +110,30 @@ def align(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats)
     )
 
 
+def against(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats) -> tuple[Floats, Floats]:
+    """(T,) log-likelihood lost by what is missing and by what is in walls, at (T,) rows with (T,) headings, radians."""
+    turn, shift = np.exp(1j * heading), np.zeros(len(rows), dtype=np.complex128)
+    # Places beside one another tell much the same.
+    some = replace(fragment, places=fragment.places[::SOME])
+    walls = SOME * _walls(mapped, some, rows, turn, shift)
+    if not compiled():
+        return mapped.config.looked * expected(mapped, fragment, around_rows(mapped, rows), turn, shift), walls
+    from semloc_core.matching.layout.compiled import poses
+
+    looked = looked_at(mapped, fragment)
+    missing = poses.expected(mapped.table, looked, rows, np.stack([turn.real, turn.imag], axis=1))
+    return mapped.config.looked * missing, walls
+
+
 def _compiled(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats) -> Aligned:
     """As of `align`."""
     from semloc_core.matching.layout.compiled import poses
 
-    config, around = mapped.config, mapped.around
-    seen, low = seen_cells(fragment.places, config.seen_within_m)
-    pose, rise, explained, seen_too = poses.align(
-        rows,
-        heading,
-        around.start,
-        around.objects,
-        around.classes,
-        *mapped.positions.T,
-        *mapped.object_positions.T,
-        mapped.odds,
-        mapped.detected,
-        np.ascontiguousarray(fragment.objects),
-        fragment.classes,
-        np.zeros((0, 0)) if fragment.likely is None else mapped.weights(fragment.likely),
-        seen,
-        low,
-        SEEN_CELL_M,
-        RIM,
-        (config.spread_m, config.off_m, config.height_spread_m, FAR, FARTHER),
-        NARROWER,
-        (ROUNDS, MORE_ROUNDS, FREE),
-    )
+    config = mapped.config
+    numbers = config.spread_m, config.off_m, config.height_spread_m, FAR, FARTHER
+    counts = ROUNDS, MORE_ROUNDS, FREE
+    seen, looked = seen_table(mapped, fragment), looked_at(mapped, fragment)
+    pose, rise, explained, seen_too = poses.align(mapped.table, seen, looked, rows, heading, numbers, NARROWER, counts)
     turn, shift = np.ascontiguousarray(pose).view(np.complex128).T
     return Aligned(
         np.angle(turn),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.building.free_space_cost import RIM
 from semloc_core.matching.layout.building.objects_by_place import sums
+from semloc_core.matching.layout.compiled.tables import Looked
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
 from semloc_core.matching.layout.pose.local_map import Complex, There
@@ -35,6 +36,11 @@ def expected_each(mapped: MappedLayout, fragment: Fragment, there: There, turn: 
     at = (cells[0] * seen.shape[1] + cells[1]) * seen.shape[2] + cells[2]
     weight: Floats = mapped.detected[there.objects] * seen.ravel()[at.astype(np.int64)]
     return weight
+
+
+def looked_at(mapped: MappedLayout, fragment: Fragment) -> Looked:
+    """The same as compiled functions read it."""
+    return Looked(*seen_cells(fragment.places, mapped.config.seen_within_m), SEEN_CELL_M, RIM)
 
 
 def seen_cells(places: Floats, within_m: float) -> tuple[NDArray[np.bool_], Floats]:

@@ -13,6 +13,7 @@ import numpy as np
 from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.building.objects_by_place import Floats32, around_m, sums
 from semloc_core.matching.layout.compiled import compiled
+from semloc_core.matching.layout.compiled.tables import SeenTable
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
 
@@ -27,6 +28,8 @@ NEAR = 2.5
 """Pairs whose distances from their places differ by more spreads than this do not vote."""
 VOTERS = 16
 """Seen objects that vote, those of the rarest classes: they have the fewest to be mistaken for."""
+WIDE = 8
+"""So many times the poses that are aligned are looked at for what speaks against them."""
 TIED, MORE = 3.0, 4
 """Poses tie whose scores differ by no more, nats; up to so many times the usual number of them are kept."""
 _ROWS = HEADINGS + 2 * BESIDE
@@ -86,28 +89,15 @@ def _compiled(
     """As of `heading_scores`."""
     from semloc_core.matching.layout.compiled import poses
 
-    config, around = mapped.config, mapped.around
-    x, y, up = fragment.objects[voters].T
-    return poses.heading_scores(
-        candidates,
-        around.start,
-        around.objects,
-        around.classes,
-        around.metres,
-        around.bearing,
-        around.up,
-        *mapped.positions.T[:2],
-        *mapped.object_positions.T[:2],
-        mapped.odds,
-        x.copy(),
-        y.copy(),
-        up.copy(),
+    config = mapped.config
+    seen = SeenTable(
+        fragment.objects[voters],
         fragment.classes[voters],
+        fragment.ages[voters],
         np.zeros((0, 0)) if weights is None else weights[voters],
-        (config.spread_m, config.height_spread_m, NEAR, SHARP),
-        BESIDE,
-        HEADINGS,
     )
+    numbers = config.spread_m, config.height_spread_m, NEAR, SHARP
+    return poses.heading_scores(mapped.table, seen, candidates, numbers, (BESIDE, HEADINGS))
 
 
 def _above(halves: Floats32, size: int) -> Ints:
@@ -193,32 +183,31 @@ def _pairs(mapped: MappedLayout, fragment: Fragment, voters: Ints, candidates: I
     )
 
 
-def best_poses(scores: Floats32, positions: Floats, building: Ints, most: int, apart_m: float) -> tuple[Ints, Floats]:
+def best_poses(
+    mapped: MappedLayout, candidates: Ints, scores: Floats32, most: int, apart_m: float
+) -> tuple[Ints, Ints]:
     """The best poses, none near a better one.
 
     Args:
-        scores: (K, HEADINGS).
-        positions: (K, 3) of the candidates, metres.
-        building: (K,).
+        mapped: the map.
+        candidates: (K,) rows of it.
+        scores: (K, HEADINGS) of these.
         most: how many; up to `MORE` times as many where so many tie.
         apart_m: two candidates nearer than this, with headings less than two steps apart, are one pose.
 
     Returns:
-        (T,) candidates' numbers and (T,) headings in radians, best first.
+        (T,) candidates' numbers and (T,) numbers of headings, best first.
 
     """
     if compiled():
         from semloc_core.matching.layout.compiled import poses
 
-        place, heading = poses.best_poses(
-            scores, *(axis.copy() for axis in positions.T), building, most, (apart_m, TIED), MORE
-        )
-        return place, heading * STEP
+        return poses.best_poses(mapped.table, candidates, scores, most, MORE, (apart_m, TIED))
+    positions, building = mapped.positions[candidates], mapped.building[candidates]
     around = np.concatenate([scores[:, -1:], scores, scores[:, :1]], axis=1)
     peaks = np.flatnonzero((scores >= around[:, :-2]) & (scores >= around[:, 2:]) & (scores > 0))
     value = scores.ravel()[peaks]
-    if len(value):
-        most = int(np.clip((value >= value.max() - TIED).sum(), most, MORE * most))
+    most = with_ties(value, most)
     if len(peaks) > 8 * most:
         some = np.flatnonzero(value >= np.partition(value, -8 * most)[-8 * most])
         peaks, value = peaks[some], value[some]
@@ -242,4 +231,11 @@ def best_poses(scores: Floats32, positions: Floats, building: Ints, most: int, a
         if len(kept) >= most:
             break
     del kept[most:]
-    return place[kept], heading[kept] * STEP
+    return place[kept], heading[kept]
+
+
+def with_ties(values: Floats | Floats32, most: int) -> int:
+    """How many poses are kept, by their (T,) scores, where it is to be so many: more where so many tie."""
+    if not len(values):
+        return 0
+    return int(np.clip((values >= values.max() - TIED).sum(), most, MORE * most))

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.graph import Floats, Ints
+from semloc_core.matching.layout.compiled.tables import SeenTable
+from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
 from semloc_core.text import short_repr
 
@@ -53,3 +55,9 @@ def around_rows(mapped: MappedLayout, rows: Ints) -> There:
         for there, here in zip(mapped.object_positions.T, mapped.positions[rows].T, strict=True)
     )
     return There(which, objects, mapped.around.classes[at], offset, up)
+
+
+def seen_table(mapped: MappedLayout, fragment: Fragment) -> SeenTable:
+    """A fragment's objects as compiled functions read them."""
+    weights = np.zeros((0, 0)) if fragment.likely is None else mapped.weights(fragment.likely)
+    return SeenTable(np.ascontiguousarray(fragment.objects), fragment.classes, fragment.ages, weights)

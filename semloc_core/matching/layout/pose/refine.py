@@ -21,7 +21,7 @@ from semloc_core.graph import SHIFT_M, TURN_RAD, Floats, Ints
 from semloc_core.matching.layout.compiled import compiled
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
-from semloc_core.matching.layout.pose.local_map import Complex, around_rows
+from semloc_core.matching.layout.pose.local_map import Complex, around_rows, seen_table
 from semloc_core.matching.layout.pose.pairs import FAR, Pairs, best_pose, pairs_at
 from semloc_core.text import short_repr
 
@@ -133,21 +133,13 @@ def _compiled(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Flo
     """As of `refine`."""
     from semloc_core.matching.layout.compiled.refine import refine as work
 
-    config, around = mapped.config, mapped.around
+    config = mapped.config
     fits, gained, pose, covariance, above = work(
+        mapped.table,
+        seen_table(mapped, fragment),
         rows,
         np.ascontiguousarray(heading),
         np.ascontiguousarray(shift),
-        around.start,
-        around.objects,
-        around.classes,
-        *mapped.positions.T,
-        *mapped.object_positions.T,
-        mapped.odds,
-        np.ascontiguousarray(fragment.objects),
-        fragment.classes,
-        fragment.ages,
-        np.zeros((0, 0)) if fragment.likely is None else mapped.weights(fragment.likely),
         _drifts(fragment),
         SPREADS_M,
         AGES_M,
