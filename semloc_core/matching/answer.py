@@ -134,7 +134,11 @@ class Reply:
         places: Mapping[int, Placed] = {}
         if reranker is not None and tested is not None:
             places = reranker.placed(tested, [*ranking.rows.tolist(), *rivals.tolist()])
-        poses = {row: pose_in(place, *stands) for row, place in places.items()}
+        # Places near one another are of one answer.
+        pose_of = {
+            id(place): pose_in(place, *stands) for place in {id(each): each for each in places.values()}.values()
+        }
+        poses = {row: pose_of[id(place)] for row, place in places.items()}
         matches = matches_of(self.map, ranking.rows, ranking, similarity, poses)
         message = self._message(
             "match" if accepted else "ambiguous" if ranking.in_map >= IN_MAP else "unknown",

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.graph import Floats, GraphArrays, Ints, Labelspace, SceneGraph, label_table
+from semloc_core.matching.layout.compiled.tables import Looked
 from semloc_core.matching.layout.config import LayoutConfig
 from semloc_core.text import short_repr
 
@@ -45,6 +46,8 @@ class Fragment:
     ages: Floats
     drift: float | None = None
     likely: Floats | None = None
+    looked: dict[float, Looked] = field(init=False, repr=False, default_factory=dict)
+    """Where the robot has looked, by how near to a known place that is; made when it is first asked for."""
 
     def __post_init__(self) -> None:
         n = len(self.object_ids)

@@ -25,7 +25,7 @@ def expected(mapped: MappedLayout, fragment: Fragment, there: There, turn: Compl
 
 def expected_each(mapped: MappedLayout, fragment: Fragment, there: There, turn: Complex, shift: Complex) -> Floats:
     """(E,) probability of each mapped object around T places to be detected; 0 where it lies near no known place."""
-    seen, low = seen_cells(fragment.places, mapped.config.seen_within_m)
+    seen, low = looked_at(mapped, fragment)[:2]
     where = there.seen_from(turn, shift)
     cells = np.stack([where.real, where.imag, there.up])
     cells -= low[:, None]
@@ -39,8 +39,12 @@ def expected_each(mapped: MappedLayout, fragment: Fragment, there: There, turn: 
 
 
 def looked_at(mapped: MappedLayout, fragment: Fragment) -> Looked:
-    """The same as compiled functions read it."""
-    return Looked(*seen_cells(fragment.places, mapped.config.seen_within_m), SEEN_CELL_M, RIM)
+    """The cells near places that the robot knows."""
+    within_m = mapped.config.seen_within_m
+    found = fragment.looked.get(within_m)
+    if found is None:
+        found = fragment.looked[within_m] = Looked(*seen_cells(fragment.places, within_m), SEEN_CELL_M, RIM)
+    return found
 
 
 def seen_cells(places: Floats, within_m: float) -> tuple[NDArray[np.bool_], Floats]:
