@@ -17,6 +17,7 @@ from semloc_core.matching.layout.confidence import confidence
 from semloc_core.matching.layout.evidence import Evidence, evidence, evidence_at
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.pose.placed import Placed, placed
+from semloc_core.matching.layout.ready import ready
 from semloc_core.matching.posterior import Ranking, modes
 from semloc_core.text import short_repr
 
@@ -98,6 +99,7 @@ class Reranker:
         self._labelspace = loaded.model.labelspace
         self._verifier = verifier
         self._within = within
+        ready()
 
     def rank(
         self,
