@@ -28,7 +28,8 @@ $(VENV)/.demo: $(VENV)/.created pyproject.toml constraints.txt
 	@touch $@
 
 $(VENV)/.tools: $(VENV)/.created pyproject.toml constraints.txt
-	$(PIP) --editable '.[tools]'
+	$(PIP) --editable '.[tools,fast]'
+	$(PY) -m semloc_core.matching.layout.ready  # compiles once what answers need: half a minute
 	@touch $@
 
 $(VENV)/.test: $(VENV)/.tools
