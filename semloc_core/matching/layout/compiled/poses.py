@@ -200,24 +200,24 @@ def best_poses(
             some += 1
     most = min(max(some, most), more * most)
     order = np.argsort(-value[:number], kind="mergesort")[: 8 * most]
-    kept = np.empty(most, np.int64)
+    kept, at, of, turned = (
+        np.empty(most, np.int64),
+        np.empty((3, most)),
+        np.empty(most, np.int64),
+        np.empty(most, np.int64),
+    )
     n = 0
     for i in order:
-        p, free = candidates[place[i]], True
-        for j in kept[:n]:
-            q = candidates[place[j]]
-            turned = abs(heading[j] - heading[i])
-            if (
-                (turned <= 2 or turned >= headings - 2)
-                and table.building[p] == table.building[q]
-                and abs(table.x[p] - table.x[q]) < apart_m
-                and abs(table.y[p] - table.y[q]) < apart_m
-                and abs(table.z[p] - table.z[q]) < apart_m
-            ):
-                free = False
-                break
+        row, free = candidates[place[i]], True
+        x, y, z, building = table.x[row], table.y[row], table.z[row], table.building[row]
+        for j in range(n):
+            if abs(at[0, j] - x) < apart_m and abs(at[1, j] - y) < apart_m and of[j] == building:
+                away = abs(turned[j] - heading[i])
+                if (away <= 2 or away >= headings - 2) and abs(at[2, j] - z) < apart_m:
+                    free = False
+                    break
         if free:
-            kept[n] = i
+            kept[n], at[0, n], at[1, n], at[2, n], of[n], turned[n] = i, x, y, z, building, heading[i]
             n += 1
             if n == most:
                 break
@@ -383,13 +383,15 @@ def expected(table: MapTable, looked: Looked, rows: Ints, turn: Floats) -> Float
 def _expected(table: MapTable, looked: Looked, row: int, c: float, s: float, dx: float, dy: float) -> float:
     px, py, pz, total = table.x[row] + dx, table.y[row] + dy, table.z[row], 0.0
     nx, ny, nz = looked.cells.shape
-    low, cell_m = looked.low, looked.cell_m
+    low_x, low_y, low_z = looked.low
+    # Cells are as wide as a power of two: a product is the quotient, to the bit.
+    per_x, per_y, per_z = 1.0 / looked.cell_m[0], 1.0 / looked.cell_m[1], 1.0 / looked.cell_m[2]
     for e in range(table.start[row], table.start[row + 1]):
         o = table.objects[e]
         ox, oy, oz = table.object_x[o] - px, table.object_y[o] - py, table.object_z[o] - pz
-        ix = _cell((c * ox + s * oy - low[0]) / cell_m[0], looked.rim, nx)
-        iy = _cell((c * oy - s * ox - low[1]) / cell_m[1], looked.rim, ny)
-        iz = _cell((oz - low[2]) / cell_m[2], looked.rim, nz)
+        iz = _cell((oz - low_z) * per_z, looked.rim, nz)
+        ix = _cell((c * ox + s * oy - low_x) * per_x, looked.rim, nx)
+        iy = _cell((c * oy - s * ox - low_y) * per_y, looked.rim, ny)
         if looked.cells[ix, iy, iz]:
             total += table.detected[o]
     return total
@@ -427,12 +429,14 @@ def lost(
         b, c, s = building[t], turn[t, 0], turn[t, 1]
         nx, ny, nz = shape[b]
         px, py = (origin[t, 0] - low[b, 0]) / wide + rim, (origin[t, 1] - low[b, 1]) / wide + rim
+        pz, low_z, begin = origin[t, 2], low[b, 2], first[b]
+        c, s = c / wide, s / wide
         for i in range(len(places)):
             x, y = places[i, 0], places[i, 1]
-            column = _cell(c / wide * x - s / wide * y + px, 0, nx)
-            line = _cell(s / wide * x + c / wide * y + py, 0, ny)
-            layer = _cell((origin[t, 2] + places[i, 2] - low[b, 2]) / high, rim, nz)
-            total[t] += cost[first[b] + (column * ny + line) * nz + layer]
+            column = _cell(c * x - s * y + px, 0, nx)
+            line = _cell(s * x + c * y + py, 0, ny)
+            layer = _cell((pz + places[i, 2] - low_z) / high, rim, nz)
+            total[t] += cost[begin + (column * ny + line) * nz + layer]
     return total
 
 
