@@ -245,6 +245,12 @@ def candidates(
 def layout(
     root: Root,
     walks: Walks = 5,
+    distractors: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="DIR", help="These buildings are in the map too: DIR/*.json and */map.json; several times."
+        ),
+    ] = None,
     seed: Seed = 0,
     json_file: Json = None,
 ) -> None:
@@ -252,5 +258,5 @@ def layout(
     from semloc_core.evaluate import evaluate_layout
 
     with progress("evaluating") as bar:
-        rows = evaluate_layout(root, walks=walks, seed=seed, progress=bar)
-    show("evaluate layout", seed, [root], rows, json_file, title=str(root))
+        rows = evaluate_layout(root, walks=walks, distractors=distractors or [], seed=seed, progress=bar)
+    show("evaluate layout", seed, [root, *(distractors or [])], rows, json_file, title=str(root))

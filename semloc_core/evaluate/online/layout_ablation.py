@@ -12,7 +12,7 @@ from semloc_core import metrics
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.evaluate.online.answers import by_chance, make_walks, steps_at, verdict
 from semloc_core.evaluate.online.verified import groups_of, success_rows
-from semloc_core.evaluate.relocalise import make_arena, read_buildings
+from semloc_core.evaluate.relocalise import make_arena, read_buildings, read_distractors
 from semloc_core.evaluate.verified_answers import fragments_along
 from semloc_core.graph import union
 from semloc_core.matching import LayoutConfig, LayoutVerifier
@@ -28,8 +28,11 @@ VARIANTS: dict[str, LayoutConfig] = {
     "neither does": msgspec.structs.replace(FULL, looked=0.0, room_weight=0.0),
     "the robot's floor only": msgspec.structs.replace(FULL, floor_m=1.5),
     "6 m around the robot": msgspec.structs.replace(FULL, reach_m=6.0),
-    "100 places tried, 10 poses": msgspec.structs.replace(FULL, coarse=100, fine=10),
-    "1000 places tried, 100 poses": msgspec.structs.replace(FULL, coarse=1000, fine=100),
+    "no places proposed by the scan": msgspec.structs.replace(FULL, coarse=0),
+    "no places proposed by pairs of objects": msgspec.structs.replace(FULL, voted=0),
+    "poses aligned by votes alone": msgspec.structs.replace(FULL, wide=1),
+    "100 places of each, 10 poses": msgspec.structs.replace(FULL, voted=100, coarse=100, fine=10),
+    "1000 places of each, 100 poses": msgspec.structs.replace(FULL, voted=1000, coarse=1000, fine=100),
 }
 
 
@@ -38,6 +41,7 @@ def evaluate_layout(
     *,
     walks: int = 5,
     scopes_m: Sequence[float] = SCOPES_M,
+    distractors: Sequence[Path] = (),
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> list[Row]:
@@ -47,6 +51,7 @@ def evaluate_layout(
         root: holds a folder a building, each with ``map.json`` and ``query.json``.
         walks: walks a building, on average.
         scopes_m: metres walked at which answers are judged.
+        distractors: folders of buildings that are only in the map, as of `read_distractors`.
         seed: of walks, of the robots' frames and of the bootstrap.
         progress: told of every variant.
 
@@ -57,9 +62,10 @@ def evaluate_layout(
         FileFormatError: no building in the folder, or a file that can't be read.
 
     """
-    buildings = read_buildings(root)
-    labelspace = union([file.labelspace for building in buildings for file in (building.map, building.query)])
-    arena = make_arena(buildings, labelspace)
+    buildings, others = read_buildings(root), read_distractors(distractors)
+    files = [file for building in buildings for file in (building.map, building.query)]
+    labelspace = union([file.labelspace for file in (*files, *others)])
+    arena = make_arena(buildings, labelspace, others)
     paths = make_walks(arena, WalkConfig(distance_m=max(*scopes_m, 1e-9)), walks, seed)
     rows: list[Row] = []
     every = [np.arange(graph.n_places) for graph in arena.maps]

@@ -38,7 +38,12 @@ class LayoutConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         float,
         Meta(ge=0.0, le=10.0, description="weight of a known place in walls: places beside one another are not news"),
     ] = 0.25
-    coarse: Annotated[int, Meta(ge=1, le=100_000, description="places of the map that are tried in all headings")] = 400
+    voted: Annotated[int, Meta(ge=0, le=100_000, description="places proposed by pairs of objects; 0: none")] = 400
+    coarse: Annotated[int, Meta(ge=0, le=100_000, description="places proposed by the scan; 0: none")] = 400
+    wide: Annotated[
+        int,
+        Meta(ge=1, le=1000, description="so many times the poses aligned are looked at for what speaks against them"),
+    ] = 8
     fine: Annotated[int, Meta(ge=1, le=10_000, description="poses that are aligned and scored")] = 30
     most_objects: Annotated[
         int, Meta(ge=1, le=10_000, description="objects that count at most, the nearest; bounds the cost of an answer")

@@ -30,8 +30,8 @@ VOTERS = 20
 HITS = 24_000
 """Hits that vote at most, but for those of the rarest pair."""
 CELL_M, LAYER_M, HEADINGS = 1.2, 2.0, 24
-BEST, KEPT = 1200, 400
-"""Cells that are looked at together with those beside them, and those that propose a place."""
+BEST = 3
+"""So many times the cells that propose a place are looked at together with those beside them."""
 NEAR_M = 2.0
 """A vote farther from any place of its building stands in no free space."""
 _STEPS = 128
@@ -136,26 +136,29 @@ class PairVotes:
             *(np.ascontiguousarray(axis) for axis in places.T),
         )
 
-    def rows(self, fragment: Fragment, only: NDArray[np.bool_] | None = None) -> Ints:
+    def rows(self, fragment: Fragment, most: int, only: NDArray[np.bool_] | None = None) -> Ints:
         """Places of the map where the most votes are, best first, each once.
 
         Args:
             fragment: what is around the robot.
+            most: so many at most; 0: none.
             only: (M,) bool, the places that the robot can be at; None for all.
 
         """
+        if not most:
+            return np.zeros(0, dtype=np.int64)
         can = np.ones(len(self._corner), dtype=np.bool_)
         if only is not None:
             can = np.bincount(self._of_place[only], minlength=len(can)) > 0
         alike = self._alike(fragment)
-        row = self._compiled(fragment, alike, can) if compiled() else self._voted(fragment, alike, can)
+        row = (self._compiled if compiled() else self._voted)(fragment, alike, can, most)
         row = row[row >= 0]
         if only is not None:
             row = row[only[row]]
         kept: Ints = np.array(list(dict.fromkeys(row.tolist())), dtype=np.int64)
         return kept
 
-    def _voted(self, fragment: Fragment, alike: Alike, can: NDArray[np.bool_]) -> Ints:
+    def _voted(self, fragment: Fragment, alike: Alike, can: NDArray[np.bool_], kept: int) -> Ints:
         """(N,) the places nearest to the best cells, best first, of buildings that (B,) can be; -1 where none is."""
         hits, seen = self._hits(fragment, alike, can)
         if not len(hits):
@@ -171,11 +174,11 @@ class PairVotes:
         cells = _cells(building, where - self._corner[building], height, heading)
         cell, of = np.unique(cells, return_inverse=True)
         votes = np.bincount(of, weight)
-        most = np.argsort(-votes, kind="stable")[:BEST]
+        most = np.argsort(-votes, kind="stable")[: BEST * kept]
         around = _beside(cell[most])
         at = np.minimum(np.searchsorted(cell, around), len(cell) - 1)
         total = np.where(cell[at] == around, votes[at], 0.0).sum(axis=1)
-        best = most[np.argsort(-total, kind="stable")[:KEPT]]
+        best = most[np.argsort(-total, kind="stable")[:kept]]
         number = np.full(len(cell), -1)
         number[best] = np.arange(len(best))
         chosen = np.flatnonzero(number[of] >= 0)
@@ -185,11 +188,11 @@ class PairVotes:
         first[to] = building[chosen]
         return self._nearest(np.column_stack([x, y, z]), first)
 
-    def _compiled(self, fragment: Fragment, alike: Alike, can: NDArray[np.bool_]) -> Ints:
+    def _compiled(self, fragment: Fragment, alike: Alike, can: NDArray[np.bool_], kept: int) -> Ints:
         """As of `_voted`."""
         from semloc_core.matching.layout.compiled.votes import vote
 
-        metres, numbers = (CELL_M, LAYER_M, HEIGHT_M, NEAR_M), (HEADINGS, BEST, KEPT, _BITS, _MIDDLE)
+        metres, numbers = (CELL_M, LAYER_M, HEIGHT_M, NEAR_M), (HEADINGS, BEST * kept, kept, _BITS, _MIDDLE)
         return vote(self._table, alike, np.ascontiguousarray(fragment.objects), can, metres, numbers)
 
     def _nearest(self, poses: Floats, building: Ints) -> Ints:

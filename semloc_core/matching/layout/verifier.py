@@ -15,7 +15,7 @@ from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.map_layout import MappedLayout
 from semloc_core.matching.layout.pair_votes import PairVotes
 from semloc_core.matching.layout.pose.align import against, align
-from semloc_core.matching.layout.pose.heading_vote import STEP, WIDE, best_poses, heading_scores, with_ties
+from semloc_core.matching.layout.pose.heading_vote import STEP, best_poses, heading_scores, with_ties
 from semloc_core.matching.layout.ring_score import CoarseScan, affordable
 from semloc_core.text import short_repr
 
@@ -151,7 +151,7 @@ class LayoutVerifier:
     def poses(self, fragment: Fragment, candidates: Ints) -> tuple[Ints, Floats]:
         """(T,) rows and (T,) headings, radians, at which a fragment with an object may fit some of (K,) rows best."""
         scores = heading_scores(self.mapped, fragment, candidates)
-        chosen, step = best_poses(self.mapped, candidates, scores, WIDE * self.config.fine, APART_M)
+        chosen, step = best_poses(self.mapped, candidates, scores, self.config.wide * self.config.fine, APART_M)
         rows: Ints = candidates[chosen]
         heading: Floats = (step * STEP).astype(np.float64)
         # What the map explains was voted for; of those that have most of that some have no room for it.
@@ -189,8 +189,8 @@ class LayoutVerifier:
     ) -> Ints:
         """(K,) rows to be tried, in rising order: the likeliest of the scan, and some of the most similar."""
         sure = fragment.sure()
-        found = [self._votes.rows(sure, only)]
-        if self._scan is not None:
+        found = [self._votes.rows(sure, self.config.voted, only)]
+        if self._scan is not None and self.config.coarse:
             likelihood = self._scan.log_likelihood(sure)
             found.append(self._apart(_largest(likelihood, self.config.coarse, only), likelihood))
         if similarity is not None:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -192,6 +193,25 @@ def test_poses_that_tie_are_all_kept_up_to_a_bound():
     assert place.tolist() == [6, 7, *range(6), *range(8, 5 * MORE)]
     scores[6:8, 3] = 7.1 + TIED
     assert best_poses(mapped, rows, scores, 5, 1.0)[0].tolist() == [6, 7, 0, 1, 2]
+
+
+def test_of_poses_that_objects_speak_for_alike_those_with_room_for_the_robot_are_aligned():
+    """Two rooms, furnished alike; only the second has the corridor that the robot has walked."""
+    objects = np.array([[1.0, 1.0, 0], [-1.0, 2.0, 0], [2.0, -1.5, 0]])
+    corridor = np.array([[x, 0.0, 0] for x in range(-8, 9)])
+    there = np.array([60.0, 0, 0])
+    places = np.concatenate([[[0.0, 0, 0]], corridor + there])
+    graph = building(np.concatenate([objects, objects + there]), [0, 1, 2, 0, 1, 2], places)
+    verifier = LayoutVerifier([graph], [np.arange(len(places))], 3, msgspec.structs.replace(CONFIG, fine=1))
+    seen = fragment_of_arrays(building(objects, [0, 1, 2], corridor), 8, CONFIG)
+    middle = 1 + 8
+    rows, heading = verifier.poses(seen, np.array([0, middle]))
+    assert rows.tolist()[0] == middle
+    assert heading[0] == pytest.approx(0.0)
+    # By votes alone the first is as good, and comes first.
+    alone = LayoutVerifier([graph], [np.arange(len(places))], 3, msgspec.structs.replace(CONFIG, fine=1, wide=1))
+    with_less = replace(seen, places=seen.places[:0])
+    assert alone.poses(with_less, np.array([0, middle]))[0].tolist()[0] == 0
 
 
 def _room(noise_m: float) -> Aligned:

@@ -8,7 +8,7 @@ import pytest
 from semloc_core.matching.layout.fragment import Fragment
 from semloc_core.matching.layout.pair_votes import REACH_M, ObjectPairs, PairVotes
 
-CLASSES = 12
+CLASSES, MOST = 12, 400
 
 
 def building(seed: int, n: int = 25) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -49,7 +49,7 @@ def test_the_right_place_is_the_first_among_many_buildings_whatever_the_frame(ya
         at = np.array([4.3, 5.6, 1.2])
         near = np.argsort(np.linalg.norm(objects - at, axis=1))[:6]
         noise = np.random.default_rng(number).normal(0.0, 0.1, (6, 3))
-        rows = found.rows(seen(objects[near] + noise, classes[near], at, yaw))
+        rows = found.rows(seen(objects[near] + noise, classes[near], at, yaw), MOST)
         first = number * len(places)
         assert first <= rows[0] < first + len(places)
         assert np.linalg.norm(places[rows[0] - first] - at) < 1.5
@@ -65,7 +65,7 @@ def test_what_has_not_been_seen_speaks_against_nothing() -> None:
     fragment = seen(objects[near], classes[near], at, 1.0)
     _, more, kinds = building(99, 80)
     many[3] = (places, np.concatenate([objects, more]), np.concatenate([classes, kinds]))
-    row = votes(many).rows(fragment)[0]
+    row = votes(many).rows(fragment, MOST)[0]
     assert 300 <= row < 400
     assert np.linalg.norm(places[row - 300] - at) < 1.5
 
@@ -76,7 +76,7 @@ def test_only_where_the_robot_can_be() -> None:
     fragment = seen(objects[:8], classes[:8], objects[:8].mean(axis=0), 0.4)
     only = np.zeros(500, dtype=bool)
     only[100:200] = True
-    rows = votes(many).rows(fragment, only)
+    rows = votes(many).rows(fragment, MOST, only)
     assert only[rows].all()
 
 
@@ -84,10 +84,10 @@ def test_the_order_of_buildings_and_of_their_objects_changes_nothing() -> None:
     many = [building(seed) for seed in range(6)]
     _, objects, classes = many[4]
     fragment = seen(objects[5:12], classes[5:12], objects[5:12].mean(axis=0), 0.4)
-    best = votes(many).rows(fragment)[0]
+    best = votes(many).rows(fragment, MOST)[0]
     order = np.random.default_rng(0).permutation(25)
     turned = [(p, o[order], c[order]) for p, o, c in reversed(many)]
-    assert votes(turned).rows(fragment)[0] == best - 400 + 100
+    assert votes(turned).rows(fragment, MOST)[0] == best - 400 + 100
 
 
 def test_pairs_are_those_in_reach_each_once() -> None:
@@ -103,10 +103,21 @@ def test_pairs_are_those_in_reach_each_once() -> None:
     np.testing.assert_allclose(pairs.metres, far[pairs.first, pairs.second])
 
 
+def test_no_more_places_are_proposed_than_are_wanted() -> None:
+    places, objects, classes = building(3)
+    found, fragment = (
+        votes([(places, objects, classes)]),
+        seen(objects[:12], classes[:12], np.array([5.0, 5.0, 1.0]), 0.3),
+    )
+    assert 10 < len(found.rows(fragment, MOST)) <= 100
+    assert 1 <= len(found.rows(fragment, 5)) <= 5
+    assert not len(found.rows(fragment, 0))
+
+
 def test_one_object_or_none_like_it_proposes_nothing() -> None:
     found = votes([building(0)])
     one = seen(np.array([[1.0, 1.0, 1.0]]), np.array([3]), np.zeros(3), 0.0)
-    assert not len(found.rows(one))
+    assert not len(found.rows(one, MOST))
     assert not len(
-        PairVotes([], np.zeros((0, 3)), [], np.zeros((0, 3)), np.zeros(0, dtype=np.int64), CLASSES).rows(one)
+        PairVotes([], np.zeros((0, 3)), [], np.zeros((0, 3)), np.zeros(0, dtype=np.int64), CLASSES).rows(one, MOST)
     )

@@ -28,8 +28,6 @@ NEAR = 2.5
 """Pairs whose distances from their places differ by more spreads than this do not vote."""
 VOTERS = 16
 """Seen objects that vote, those of the rarest classes: they have the fewest to be mistaken for."""
-WIDE = 8
-"""So many times the poses that are aligned are looked at for what speaks against them."""
 TIED, MORE = 3.0, 4
 """Poses tie whose scores differ by no more, nats; up to so many times the usual number of them are kept."""
 _ROWS = HEADINGS + 2 * BESIDE
