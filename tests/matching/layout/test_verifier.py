@@ -109,6 +109,6 @@ def test_the_shipped_calibration_is_of_these_features():
 
 @pytest.mark.parametrize(("n", "k"), [(10, 1), (100, 9), (64 * 50, 9), (64 * 400 + 7, 400), (30_000, 5)])
 def test_the_kth_largest_of_many_is_that_of_all_sorted(n, k):
-    """It is found without sorting, by blocks: a place more or less would be tried on a large map than on a small one."""
+    """It is found without sorting, by blocks: else a large map would try others than a small one."""
     values = np.round(np.random.default_rng(n).normal(size=n), 2).astype(np.float32)
     assert _kth_largest(values, k) == np.sort(values)[-k]
