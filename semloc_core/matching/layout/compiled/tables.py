@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.graph import Floats, Ints
+from semloc_core.text import short_repr
 
 Floats32 = NDArray[np.float32]
 Ints32 = NDArray[np.int32]
 Bools = NDArray[np.bool_]
 
 
+@short_repr
 class MapTable(NamedTuple):
     """A map of M places and K objects: of `MappedLayout`, and of its `Around` in the order given there."""
 
@@ -35,6 +37,7 @@ class MapTable(NamedTuple):
     detected: Floats
 
 
+@short_repr
 class SeenTable(NamedTuple):
     """A fragment's (n, 3) objects, their (n,) classes and ages, (n, C) weights; C = 0 where each is of its class."""
 
@@ -44,6 +47,7 @@ class SeenTable(NamedTuple):
     weights: Floats
 
 
+@short_repr
 class Looked(NamedTuple):
     """(X, Y, Z) cells near places that the robot knows, the corner of the first but for the rim, and how wide they are.
 
@@ -56,6 +60,7 @@ class Looked(NamedTuple):
     rim: int
 
 
+@short_repr
 class PairTable(NamedTuple):
     """Mapped pairs of objects: building, direction (…, 2) and as steps, middle (…, 2), its height, rise.
 
@@ -75,6 +80,7 @@ class PairTable(NamedTuple):
     place_z: Floats
 
 
+@short_repr
 class Alike(NamedTuple):
     """Seen pairs of objects, and the run of mapped pairs that are like each.
 
