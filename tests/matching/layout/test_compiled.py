@@ -14,7 +14,7 @@ from semloc_core.matching.layout.pose.placed import placed
 from semloc_core.sources.world import KINDS, draw_pair
 from semloc_core.sources.world.stacked import draw_stacked
 
-pytest.importorskip("numba", reason="numba is not installed: nothing is compiled")
+numba = pytest.importorskip("numba", reason="numba is not installed: nothing is compiled")
 
 DRIFT = 0.3
 
@@ -90,3 +90,20 @@ def test_every_answer_is_the_same_compiled_or_not(both, town):
             np.testing.assert_allclose(one.position, there[row].position, atol=1e-3)
             np.testing.assert_allclose(one.covariance, there[row].covariance, atol=1e-3)
             assert np.cos(one.yaw - there[row].yaw) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_where_nothing_can_be_written_each_process_compiles_for_itself(monkeypatch):
+    """A package of root's, a user without a home: numba refuses to keep anything, and the robot must still be found."""
+    kept = []
+
+    def njit(cache=False, **options):
+        if cache:
+            raise RuntimeError("cannot cache function: no locator available")
+        kept.append(options)
+        return lambda work: work
+
+    from semloc_core.matching.layout.compiled.kernel import kernel
+
+    monkeypatch.setattr(numba, "njit", njit)
+    assert kernel(len) is len
+    assert kept == [{"nogil": True, "error_model": "numpy"}]
