@@ -8,7 +8,7 @@ localiser, the bridge and the player read labels through a `Reading`, and say in
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -161,6 +161,7 @@ class Labels:
         self._kept = False
         self._walked: dict[str, str] = {}
         self._several: dict[str, dict[str, float]] = {}
+        self._read_as: dict[str, str] = {}
 
     def number(self, number: int, own: str | None = None) -> str:
         """The class of an integer label; ``own`` is the name that the file gives it at one object, else as always."""
@@ -171,6 +172,14 @@ class Labels:
 
     def name(self, label: str) -> str:
         """The class of a label that is a name, or a number in place of one."""
+        found = self._read_as.get(label)
+        if found is None:
+            if len(self._read_as) >= REMEMBERED:
+                self._read_as.clear()
+            found = self._read_as[label] = self._name(label)
+        return found
+
+    def _name(self, label: str) -> str:
         number = number_of(label)
         known = self.reading.known
         if number is not None and known is not None and label in known.classes:
@@ -204,18 +213,20 @@ class Labels:
 
     def graph(self, graph: SceneGraph) -> SceneGraph:
         """A graph with its objects' labels read; the graph itself where none is read otherwise."""
-        things = self._things(graph.objects.values())
-        return graph if things is None else replace(graph, objects={thing.id: thing for thing in things})
+        said = list(graph.objects.values())
+        things = self.objects(said)
+        return graph if things is said else replace(graph, objects={thing.id: thing for thing in things})
 
     def update(self, update: SceneGraphUpdate) -> SceneGraphUpdate:
         """An update with its objects' labels read; the update itself where none is read otherwise."""
-        things = self._things(update.objects)
-        return update if things is None else msgspec.structs.replace(update, objects=things)
+        things = self.objects(update.objects)
+        return update if things is update.objects else msgspec.structs.replace(update, objects=things)
 
-    def _things(self, things: Collection[Object]) -> list[Object] | None:
+    def objects(self, things: list[Object]) -> list[Object]:
+        """Objects with their labels read; the list itself where none is read otherwise."""
         read = [self._likeliest(thing.class_, thing.labels) for thing in things]
         if all(one == (thing.class_, thing.labels) for one, thing in zip(read, things, strict=True)):
-            return None
+            return things
         return [
             msgspec.structs.replace(thing, class_=name, labels=labels)
             for (name, labels), thing in zip(read, things, strict=True)
