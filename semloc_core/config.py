@@ -84,8 +84,8 @@ class LocaliserConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     synonyms: Annotated[
         str,
         Meta(
-            description="joins the detector's names to the map's: a YAML file, or auto, the shipped cross-walk of label "
-            "sets; empty: they are the map's",
+            description="joins the detector's names to the map's: a YAML file, or auto, the shipped cross-walk of "
+            "label sets; empty: they are the map's",
         ),
     ] = ""
     server_timeout_s: Annotated[
