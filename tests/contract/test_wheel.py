@@ -14,7 +14,7 @@ from semloc_core import wire
 
 ROOT = Path(__file__).parents[2]
 TOOLS = ("scipy", "sklearn", "matplotlib", "PIL", "spark_dsg", "faiss", "pymilvus")
-"""What the extras bring beside what `demo` does."""
+"""What the extras bring."""
 
 
 @pytest.fixture(scope="module")
@@ -82,8 +82,8 @@ def without(packages, words, folder, path):
     return subprocess.run([sys.executable, "-c", program], cwd=folder, env=away, capture_output=True, text=True)
 
 
-def test_the_demo_a_map_and_a_replay_need_no_more_than_the_demo_has(wheel, tmp_path) -> None:
-    """From an empty folder, by the wheel, without what the extra `tools` brings beside `demo`."""
+def test_the_demo_a_map_and_a_replay_need_no_extra(wheel, tmp_path) -> None:
+    """From an empty folder, by the wheel."""
     zipfile.ZipFile(wheel).extractall(tmp_path / "site")
     graph, run = building_update(query=None), tmp_path / "run.jsonl"
     run.write_bytes(b"\n".join(wire.encode(update) for update in (graph, *(delta(i, query=f"p{i}") for i in (3, 4)))))
