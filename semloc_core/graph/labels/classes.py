@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from semloc_core.graph.labels.cross_walk import REMEMBERED, CrossWalk
 from semloc_core.graph.labels.files import shipped_labelspaces
-from semloc_core.graph.labels.label_sets import REMEMBERED, CrossWalk
+from semloc_core.graph.labels.label_sets import Told, likely_sets
 from semloc_core.graph.labels.labelspace import (
     Labelspace,
     folded,
@@ -59,7 +60,8 @@ class Reading:
             file's names only where its numbering is the file's, as far as names that both have tell.
         auto: names that are not known are looked for in the cross-walk of label sets (`label_sets.yaml`).
         often: how often the map has each class. With it a name that may be any of several classes is read as all of
-            them, by how often they are; without, it is of no class.
+            them, by how often they are, and what is known of the detector's label set tells more; without, it is of no
+            class.
 
     Raises:
         LabelspaceError: a synonym of a class that the map or model does not have.
@@ -162,6 +164,8 @@ class Labels:
         self._walked: dict[str, str] = {}
         self._several: dict[str, dict[str, float]] = {}
         self._read_as: dict[str, str] = {}
+        self._heard: dict[str, bool] = {}
+        self._sets: Told = ()
 
     def number(self, number: int, own: str | None = None) -> str:
         """The class of an integer label; ``own`` is the name that the file gives it at one object, else as always."""
@@ -224,6 +228,10 @@ class Labels:
 
     def objects(self, things: list[Object]) -> list[Object]:
         """Objects with their labels read; the list itself where none is read otherwise."""
+        for thing in things:
+            self._hear(thing.class_)
+            for label in thing.labels or ():
+                self._hear(label)
         read = [self._likeliest(thing.class_, thing.labels) for thing in things]
         if all(one == (thing.class_, thing.labels) for one, thing in zip(read, things, strict=True)):
             return things
@@ -232,17 +240,32 @@ class Labels:
             for (name, labels), thing in zip(read, things, strict=True)
         ]
 
+    def _hear(self, label: str) -> None:
+        """Learn from a name which label set the detector may have."""
+        space = self.reading.space
+        if label in self._heard or space is None or not self.reading.often or self.reading._walk is None:
+            return
+        if len(self._heard) >= REMEMBERED:
+            self._heard.clear()
+        self._heard[label] = space.index(label) < 0
+        names = [folded(each) for each in self._heard]
+        foreign = [folded(each) for each, unknown in self._heard.items() if unknown and not is_nameless(each)]
+        sets = likely_sets(names, foreign)
+        if sets != self._sets:
+            self._sets = sets
+            self._several.clear()
+
     def _likeliest(self, class_: str, labels: Mapping[str, float] | None) -> tuple[str, Mapping[str, float] | None]:
         """What an object most likely is, and all it may be: what becomes one class adds up, no name is the rest."""
         own = self.name(class_)
         if labels is None:
-            if not (several := self._mixture(own)):
+            if not (several := self._mixture(class_)):
                 return own, None
             return next(iter(several)), several
         shares: dict[str, list[float]] = {}
         for label, p in labels.items():
             if not is_nameless(name := self.name(label)):
-                for each, share in (self._mixture(name) or {name: 1.0}).items():
+                for each, share in (self._mixture(label) or {name: 1.0}).items():
                     shares.setdefault(each, []).append(p * share)
         if not shares:
             return own, None
@@ -251,18 +274,24 @@ class Labels:
         best = min(found, key=lambda name: (-round(found[name], DECIMALS), name != own, name))
         return best, found
 
-    def _mixture(self, name: str) -> Mapping[str, float]:
-        """What a name may be any of, by how often the map has each, the likeliest first; empty for one class."""
+    def _mixture(self, label: str) -> Mapping[str, float]:
+        """What a label may be any of, by how often the map has each, the likeliest first; empty for one class."""
         often, walk = self.reading.often, self.reading._walk
-        if often is None or walk is None or self.reading.space is None or self.reading.space.index(name) >= 0:
+        if not often or walk is None:
             return {}
-        if name not in self._several:
-            counts = {each: often[each] for each in walk.among(name) if often.get(each, 0) > 0}
-            total = math.fsum(counts.values())
+        if label not in self._several:
             if len(self._several) >= REMEMBERED:
                 self._several.clear()
-            self._several[name] = {each: counts[each] / total for each in sorted(counts, key=lambda c: (-counts[c], c))}
-        return self._several[name]
+            self._several[label] = self._shares(label, walk, often)
+        return self._several[label]
+
+    def _shares(self, label: str, walk: CrossWalk, often: Mapping[str, float]) -> dict[str, float]:
+        said, joined = self.reading.said, self.reading._joined
+        name = said.canonical(label) if said is not None else label
+        if number_of(label) is not None or folded(label) in joined or folded(name) in joined:
+            return {}
+        shares = walk.shares(name, often, self._sets)
+        return shares if shares.keys() - {self.name(label)} else {}
 
     def told(self) -> list[str]:
         """A line for each thing that had to be decided; none where the labels themselves said all."""
