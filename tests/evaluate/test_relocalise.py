@@ -16,7 +16,8 @@ from semloc_core.evaluate.relocalise import (
     read_buildings,
     relabelled,
 )
-from semloc_core.graph.labels.labelspace import Labelspace, load_synonyms
+from semloc_core.graph.labels.files import load_synonyms
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.metrics.rows import Row
 from semloc_core.sources.world import KINDS, World, draw_pair, write_world
 from semloc_core.training.config import TrainConfig

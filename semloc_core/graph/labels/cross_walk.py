@@ -7,7 +7,8 @@ import re
 from collections.abc import Mapping, Sequence, Set
 
 from semloc_core.graph.labels.label_sets import Naming, Told, chain, group, namings, sorts, wider
-from semloc_core.graph.labels.labelspace import Labelspace, is_nameless, number_of
+from semloc_core.graph.labels.labelspace import Labelspace
+from semloc_core.graph.labels.names import is_nameless, number_of
 
 REMEMBERED = 4096
 """Names whose way is kept at most."""

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import msgspec
 
-from semloc_core.graph.labels.files import LABEL_SETS, read_yaml, shipped_labelspaces
-from semloc_core.graph.labels.labelspace import folded, load_labelspace
+from semloc_core.graph.labels.files import LABEL_SETS, load_labelspace, read_yaml, shipped_labelspaces
+from semloc_core.graph.labels.names import folded
 from semloc_core.text import short_repr
 
 LEAST_HEARD = 2

@@ -3,10 +3,12 @@
 import pytest
 
 from semloc_core.errors import LabelspaceError
-from semloc_core.graph.labels.classes import Reading
 from semloc_core.graph.labels.cross_walk import CrossWalk
+from semloc_core.graph.labels.files import load_labelspace
 from semloc_core.graph.labels.label_sets import label_sets, likely_sets
-from semloc_core.graph.labels.labelspace import Labelspace, folded, load_labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
+from semloc_core.graph.labels.names import folded
+from semloc_core.graph.labels.reading import Reading
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.wire import Object
 
