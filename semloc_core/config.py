@@ -77,6 +77,17 @@ class LocaliserConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
             description="only these buildings of the map, by patterns over their names such as hq/*; none: all",
         ),
     ] = ()
+    labelspace: Annotated[
+        str,
+        Meta(description="names for class numbers: a shipped labelspace or a YAML file; empty: the map's own"),
+    ] = ""
+    synonyms: Annotated[
+        str,
+        Meta(
+            description="joins the detector's names to the map's: a YAML file, or auto, the shipped cross-walk of "
+            "label sets; empty: they are the map's",
+        ),
+    ] = ""
     server_timeout_s: Annotated[
         float,
         Meta(ge=0.05, le=60.0, description="a map's server that takes longer counts as lost, in s"),

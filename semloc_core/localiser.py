@@ -13,8 +13,8 @@ from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
 from semloc_core.encoding import LiveGraph, Query
 from semloc_core.errors import ConfigError, MapError
 from semloc_core.explain import answer_evidence, due, explain_answer
-from semloc_core.graph import Outcome
-from semloc_core.map_database import LoadedMap, frame_of
+from semloc_core.graph import Outcome, Reading
+from semloc_core.map_database import LoadedMap, frame_of, in_the_words_of
 from semloc_core.matching import (
     Localisation,
     Located,
@@ -48,9 +48,11 @@ class Localiser:
     Args:
         map: the loaded map database; it brings the encoder and the labelspace.
         config: options.
+        said: what is said of the labels of updates; None: what the options say.
 
     Raises:
         ConfigError: options that exclude one another.
+        LabelspaceError: no such labelspace or synonyms, or one of a class that the map does not have.
 
     Attributes:
         live: the robot's graph.
@@ -60,16 +62,19 @@ class Localiser:
 
     map: LoadedMap
     config: LocaliserConfig = field(default_factory=LocaliserConfig)
+    said: Reading | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if self.config.filter == "bayes" and self.config.rerank == "none":
             raise ConfigError("expected rerank layout with filter bayes, which weighs what was tested (got none)")
+        self._said = self.said or Reading.of(self.config.labelspace or None, self.config.synonyms or None)
         self.live = LiveGraph(self.map.model)
         self._filter = FrameFilter() if self.config.filter == "bayes" else None
         self._answered: Located | None = None
         self._explained_ns: int | None = None
         self._hint: Hinted | None = None
         self._serve(self.map)
+        self._read_labels()
 
     # -- the picture ---------------------------------------------------------------------------------------------
 
@@ -197,6 +202,10 @@ class Localiser:
             raise MapError(f"expected a map with scene graphs for filter bayes (got {loaded.name} without)")
         self._reranker = Reranker(loaded, verifier, self._index.within) if verifier is not None else None
 
+    def _read_labels(self) -> None:
+        """Read the graph, and what comes, in the map's words."""
+        self.live.read_by(self.map.model, in_the_words_of(self.map, self._said).labels())
+
     @property
     def buildings(self) -> tuple[str, ...]:
         """Names of the buildings that an answer can be in."""
@@ -227,14 +236,20 @@ class Localiser:
         The other must not be used any more. What it knows of where the robot is goes on in the same map.
         """
         self.live, self._explained_ns = other.live, other._explained_ns
-        self.live.read_by(self.map.model)
+        self._read_labels()
         if other.map_info == self.map_info:
             self._hint = other._hint
             self._filter = other._filter if self.config.filter == other.config.filter else self._filter
 
     def renewed(self, config: LocaliserConfig | None = None) -> Localiser:
         """Another localiser on the same map, without this one's graph; ``buildings`` are as this map was opened."""
-        return Localiser(self.map, config or self.config)
+        return Localiser(self.map, config or self.config, self._said_by(config))
+
+    def _said_by(self, config: LocaliserConfig | None) -> Reading | None:
+        """What has been read already of what is said of labels; None where other options say something else."""
+        mine = self.config
+        same = config is None or (config.labelspace, config.synonyms) == (mine.labelspace, mine.synonyms)
+        return self._said if same else None
 
     def keep_up(self) -> None:
         """Do what is to be done while nobody asks, too; nothing for a map in memory."""

@@ -103,13 +103,14 @@ def replay(
         rerank=rerank,
         filter=filter_,
         buildings=tuple(buildings or ()),
+        labelspace=labelspace or "",
+        synonyms=str(synonyms or ""),
     )
     import torch
 
     from semloc_core.cli.replay_table import print_summary
     from semloc_core.fleet import open_localiser
     from semloc_core.graph import advice
-    from semloc_core.map_database import reading_for
     from semloc_core.replay import Answer
     from semloc_core.replay import replay as run_replay
     from semloc_core.wire import TumWriter
@@ -127,8 +128,6 @@ def replay(
     localiser = open_localiser(map_, config, outage_s=OUTAGE_S)
     writer = TumWriter(tum, localiser.buildings) if tum is not None else None
     try:
-        reading = reading_for(localiser.map, labelspace, synonyms)
-        labels = localiser.live.labels = reading.labels()
         with writer or nullcontext():
             summary = run_replay(
                 run,
@@ -144,7 +143,8 @@ def replay(
             )
     finally:
         localiser.close()
-    tell(run, labels.told())
+    labels = localiser.live.labels
+    tell(run, labels.told() if labels is not None else [])
     report_unknown_classes(summary.unknown_classes, str(run), advise=False)
     if summary.all_unknown:
         note(f"{run}: {summary.all_unknown}; {advice(summary.unknown_classes)}")

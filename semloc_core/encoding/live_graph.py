@@ -55,7 +55,7 @@ class LiveGraph:
 
     Attributes:
         stream: the graph, and what became of its updates.
-        labels: reads the updates' labels, where a person said something of them; None leaves them to the map.
+        labels: reads the updates' labels, see `read_by`.
         unknown_classes: names of object classes that the model's labelspace lacks -> different objects seen of them.
         ages: how far the robot has walked since it saw what.
         odometry: of the latest update.
@@ -65,6 +65,7 @@ class LiveGraph:
     def __init__(self, model: Model) -> None:
         self.stream, self.ages, self.unknown_classes = UpdateStream(), Ages(), NameCounter()
         self.labels: Labels | None = None
+        self._said: dict[str, Object] = {}
         self.odometry: Odometry | None = None
         self.surroundings: Surroundings | None = None
         self._seq, self._stamp_ns, self._frame_id, self._model = 0, 0, "", model
@@ -86,11 +87,14 @@ class LiveGraph:
             GraphError: it does not fit the graph; nothing changed.
 
         """
+        said = update
         if self.labels is not None:
             update = self.labels.update(update)
         outcome, change = self.stream.apply(update)
         if outcome is Outcome.REPEATED:
             return outcome
+        if outcome is Outcome.APPLIED:
+            self._keep(said, update)
         self._seq, self._stamp_ns = update.seq, update.stamp_ns
         self.odometry, self._frame_id = update.odometry, update.frame_id
         graph = self.graph
@@ -106,13 +110,35 @@ class LiveGraph:
             self._count_unknown(update.objects)
         return outcome
 
-    def read_by(self, model: Model) -> None:
-        """Go on with another model; what was seen from where is kept if both look as far."""
-        graph, seen, self._model = self.graph, self.visibility, model
+    def _keep(self, said: SceneGraphUpdate, read: SceneGraphUpdate) -> None:
+        """Keep what was said of objects whose labels are read otherwise: other labels may read them anew."""
+        if said.full:
+            self._said.clear()
+        for key in said.removed_nodes:
+            self._said.pop(key, None)
+        for own, other in zip(said.objects, read.objects, strict=True) if self._said or read is not said else ():
+            if own != other:
+                self._said[own.id] = own
+            else:
+                self._said.pop(own.id, None)
+
+    def read_by(self, model: Model, labels: Labels | None = None) -> None:
+        """Go on with another model; what was seen from where is kept if both look as far.
+
+        Args:
+            model: reads the graph from now on.
+            labels: read the labels of updates, and those of the graph anew; None leaves them to the model.
+
+        """
+        graph, seen, self._model, self.labels = self.graph, self.visibility, model, labels
         self.surroundings = None
         self.unknown_classes.clear()
         if graph is None:
             return
+        said = [self._said.get(key, thing) for key, thing in graph.objects.items()]
+        read = said if labels is None else labels.objects(said)
+        self._said = {own.id: own for own, other in zip(said, read, strict=True) if own != other}
+        graph.objects.update({thing.id: thing for thing in read})
         extraction = model.encoder.extraction
         kept = seen if seen is not None and seen.radius_m == extraction.visibility_m else None
         self.surroundings = Surroundings(graph, model.labelspace, extraction, kept)

@@ -26,6 +26,7 @@ from semloc_core.encoding import (
     TfidfEncoder,
     extract_all,
 )
+from semloc_core.evaluate.twins import metres_between
 from semloc_core.graph import Floats, GraphArrays, Ints
 from semloc_core.metrics import Row
 from semloc_core.text import short_repr
@@ -135,8 +136,6 @@ def aliasing(colours: Ints, positions: Sequence[Floats], near_m: float = MATCH_R
         near_m: an answer within this distance is right.
 
     """
-    from scipy.spatial.distance import cdist
-
     colours = _numbered(colours[:, None])
     building = np.repeat(np.arange(len(positions)), [len(p) for p in positions])
     at = np.concatenate([np.zeros((0, 3)), *positions])
@@ -144,7 +143,7 @@ def aliasing(colours: Ints, positions: Sequence[Floats], near_m: float = MATCH_R
     order = np.argsort(colours, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(colours[order])) + 1) if len(order) else []
     for members in groups:
-        apart = cdist(at[members], at[members])
+        apart = metres_between(at[members], at[members])
         apart[building[members][:, None] != building[members]] = np.inf
         spread[members] = apart.max(1)
         right = (apart <= near_m).sum(0)

@@ -17,11 +17,12 @@ import numpy as np
 
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.errors import FileFormatError
-from semloc_core.graph import Reading, SceneGraph, UpdateStream
+from semloc_core.graph import Floats, Reading, SceneGraph, UpdateStream
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
 from semloc_core.sources import (
     DetectorConfig,
+    Grid,
     SimulationConfig,
     read_hydra,
     read_run,
@@ -32,8 +33,13 @@ from semloc_core.sources import (
 )
 from semloc_core.wire import SceneGraphUpdate
 
-WAYS = ("graphs", "graphs, same field of view", "detections")
-"""The mapper's graph, the same without what the cameras never had in sight, and what the detector saw."""
+WAYS = ("graphs", "graphs, same field of view", "detections", "detections and a grid")
+"""The mapper's graph, the same without what no camera had in sight, what the detector saw, and the same with the
+occupancy grid that a laser made on the way."""
+FREE_M, CELL_M, LASER_M = 0.75, 0.1, 5.0
+"""What is nearer to a place of the building is free; a grid's cells; how far a laser looks."""
+STOREY_M = 1.0
+"""What is farther from the way in height is another floor."""
 _SAME_M = 1e-6
 
 
@@ -89,8 +95,33 @@ def _runs(scratch: Path, graph: SceneGraph, metres: float, cameras: int, seed: l
     write_run(scratch / "seen.mcap", [one._replace(update=without(one.update, seen)) for one in steps])
     yield WAYS[1], scratch / "seen.mcap"
     config = DetectorConfig.of(distance_m=metres, cameras=cameras)
-    write_detections(scratch / "run.mcap", simulate_detections(graph, config, np.random.default_rng(seed)))
+    glances = list(simulate_detections(graph, config, np.random.default_rng(seed)))
+    write_detections(scratch / "run.mcap", glances)
     yield WAYS[2], scratch / "run.mcap"
+    seen_from = np.array([glance.position for glance in glances])
+    write_detections(scratch / "walls.mcap", glances, grid=scanned(graph, seen_from))
+    yield WAYS[3], scratch / "walls.mcap"
+
+
+def scanned(graph: SceneGraph, way: Floats) -> Grid:
+    """What a laser makes of a building's floor from a way (N, 3), metres: what it had in sight, free around places."""
+    places = np.array([at for at in graph.places.values() if np.abs(at[2] - way[:, 2]).min() < STOREY_M])[:, :2]
+    low = np.minimum(places.min(axis=0), way[:, :2].min(axis=0)) - 1.0
+    columns, rows = np.ceil((np.maximum(places.max(axis=0), way[:, :2].max(axis=0)) + 1.0 - low) / CELL_M).astype(int)
+    cells = np.full((rows, columns), 100, dtype=np.int8)
+    whole = Grid(cells, CELL_M, (float(low[0]), float(low[1]), 0.0))
+    row, column = (each.ravel() for each in np.mgrid[:rows, :columns])
+    at = whole.centres(row, column)
+    ends = np.array([(graph.places[a][:2], graph.places[b][:2]) for a in graph.places for b in graph.neighbours[a]])
+    on = np.abs(np.array([graph.places[a][2] for a in graph.places for _ in graph.neighbours[a]])[:, None] - way[:, 2])
+    along = [a + share * (b - a) for a, b in ends[on.min(axis=1) < STOREY_M] for share in (0.25, 0.5, 0.75)]
+    for x, y in [*places.tolist(), *along]:
+        cells[row, column] = np.where(np.hypot(at[:, 0] - x, at[:, 1] - y) < FREE_M, 0, cells[row, column])
+    seen = np.zeros(len(at), dtype=np.bool_)
+    for here in way[:: max(1, round(LASER_M / 10 / CELL_M)), :2]:
+        asked = np.flatnonzero(~seen & (np.hypot(*(at - here).T) <= LASER_M))
+        seen[asked] = whole.sight(np.broadcast_to(here, (len(asked), 2)), at[asked], CELL_M)
+    return Grid(np.where(seen.reshape(rows, columns), cells, -1).astype(np.int8), CELL_M, whole.origin)
 
 
 def in_view(

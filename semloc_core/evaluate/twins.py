@@ -85,8 +85,6 @@ def _doubles(embeddings: NDArray[np.float32], positions: Floats, floor: Ints, bu
 
     Places whose embedding is nothing, as where no object is in reach, are like none.
     """
-    from scipy.spatial.distance import cdist
-
     size = np.linalg.norm(embeddings, axis=1)
     z = embeddings / np.maximum(size, np.finfo(np.float32).tiny)[:, None]
     order = np.argsort(floor, kind="stable")
@@ -98,7 +96,7 @@ def _doubles(embeddings: NDArray[np.float32], positions: Floats, floor: Ints, bu
         like = np.where(size[order] > 0, z[asked] @ z[order].T, -1.0)
         same = building[asked][:, None] == building[order]
         home = floor[asked][:, None] == floor[order]
-        apart = cdist(positions[asked], positions[order])
+        apart = metres_between(positions[asked], positions[order])
         right = home & (apart <= MATCH_RADIUS_M) & (asked[:, None] != order)
         own = np.array(
             [np.quantile(row[near], _QUARTER) if near.any() else 0.0 for row, near in zip(like, right, strict=True)]
@@ -114,17 +112,20 @@ def _doubles(embeddings: NDArray[np.float32], positions: Floats, floor: Ints, bu
     return found
 
 
+def metres_between(points: Floats, others: Floats) -> Floats:
+    """(A, B) distances between points (A, 3) and others (B, 3)."""
+    squared = np.zeros((len(points), len(others)))
+    for axis in range(points.shape[1]):
+        squared += (points[:, axis, None] - others[:, axis]) ** 2
+    return np.sqrt(squared, out=squared)
+
+
 def _groups(pairs: Sequence[Sequence[int]], floors: int) -> list[list[int]]:
     """Floors that are joined by pairs, directly or by way of others."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    joined = [(a, b) for a, b in pairs if a != b]
-    if not joined:
-        return []
-    a, b = np.array(joined).T
-    _, number = connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(floors, floors)), directed=False)
-    groups = [np.flatnonzero(number == k).tolist() for k in dict.fromkeys(number.tolist())]
+    number = np.arange(floors)
+    for a, b in pairs:
+        number[number == max(number[a], number[b])] = min(number[a], number[b])
+    groups = [np.flatnonzero(number == k).tolist() for k in np.unique(number)]
     return [group for group in groups if len(group) > 1]
 
 
@@ -136,8 +137,6 @@ def _objects(
     An object is on the floor of the place nearest to it, and no place of another sees it. The codes of several add up
     to one number for each multiset, but for one chance in 2^64; 0 stands for no object.
     """
-    from scipy.spatial import cKDTree
-
     near, nearest = np.zeros(len(positions), dtype=np.int64), np.zeros((len(positions), MOST_SEEN), dtype=np.uint64)
     classes = sorted({item.class_ for _, graph in graphs for item in graph.objects.values()})
     drawn = np.random.default_rng(0).integers(1, 2**64, len(classes), dtype=np.uint64)
@@ -149,14 +148,23 @@ def _objects(
         items = [graph.objects[id_] for id_ in sorted(graph.objects)]
         at = np.array([item.position for item in items])
         codes = np.array([code[item.class_] for item in items], dtype=np.uint64)
-        on = floor[rows][cKDTree(positions[rows]).query(at)[1]]
+        on = floor[rows][_nearest(at, positions[rows], 1)[0][:, 0]]
         for number in np.unique(on).tolist():
             here, own = rows[floor[rows] == number], on == number
-            tree = cKDTree(at[own])
-            near[here] = tree.query_ball_point(positions[here], SEEN_M, return_length=True)
-            _, found = tree.query(positions[here], k=range(1, MOST_SEEN + 1))
+            found, near[here] = _nearest(positions[here], at[own], MOST_SEEN)
             nearest[here] = np.append(codes[own], np.uint64(0))[found]
     return near, nearest
+
+
+def _nearest(points: Floats, others: Floats, most: int) -> tuple[Ints, Ints]:
+    """(A, most) rows of the others nearest to each point, -1 where there are no more; (A,) how many are in sight."""
+    found, seen = np.full((len(points), most), -1, dtype=np.int64), np.zeros(len(points), dtype=np.int64)
+    for start in range(0, len(points), _BLOCK):
+        apart = metres_between(points[start : start + _BLOCK], others)
+        near = np.argsort(apart, axis=1, kind="stable")[:, :most]
+        found[start : start + _BLOCK, : near.shape[1]] = near
+        seen[start : start + _BLOCK] = (apart <= SEEN_M).sum(axis=1)
+    return found, seen
 
 
 def _told_apart(codes: NDArray[np.uint64], positions: Floats, floor: Ints) -> float:

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from semloc_core.config import LocaliserConfig
 from semloc_core.encoding import Model, build_encoder
-from semloc_core.errors import MapError, MapUnavailableError
+from semloc_core.errors import LabelspaceError, MapError, MapUnavailableError
 from semloc_core.fleet.holdings import Holdings, Key, key_of
 from semloc_core.fleet.link import Link
 from semloc_core.fleet.narrowing import ShortlistConfig, shortlist
 from semloc_core.fleet.source import Catalogue
-from semloc_core.graph import Labelspace
+from semloc_core.graph import Labelspace, Reading
 from semloc_core.localiser import Localiser
-from semloc_core.map_database import LoadedMap, Whole, assemble, matching_buildings
+from semloc_core.map_database import LoadedMap, Whole, assemble, in_the_words_of, matching_buildings
 from semloc_core.matching import Located, Reply, ServerState
 from semloc_core.wire import MapInfo
 
@@ -47,6 +47,7 @@ class FleetLocaliser(Localiser):
         patience_s: how long one answer may fetch and read buildings; those that are not there by then are for later
             answers. Replays wait for all: their answers must not hang on the time.
         holdings: buildings that are there already.
+        said: as of `Localiser`.
 
     Attributes:
         holdings: the buildings fetched so far.
@@ -60,13 +61,14 @@ class FleetLocaliser(Localiser):
         limits: ShortlistConfig | None = None,
         patience_s: float = math.inf,
         holdings: Holdings | None = None,
+        said: Reading | None = None,
     ) -> None:
         self._link, self._limits, self._patience_s = link, limits or ShortlistConfig(), patience_s
         self.holdings = holdings or Holdings(self._limits.kept_places)
         self._catalogue: Catalogue | None = None
         self._sizes: Mapping[str, int] = {}
         self._keys: tuple[Key, ...] = ()
-        super().__init__(_nothing(link.name), config or LocaliserConfig())
+        super().__init__(_nothing(link.name), config or LocaliserConfig(), said)
         self.map_info = self._model_info = None
 
     # -- what differs from a map in memory -----------------------------------------------------------------------
@@ -94,7 +96,12 @@ class FleetLocaliser(Localiser):
 
     def renewed(self, config: LocaliserConfig | None = None) -> FleetLocaliser:
         """As `Localiser.renewed`: on the same link, with what has been fetched."""
-        made = type(self)(self._link.shared(), config or self.config, self._limits, self._patience_s, self.holdings)
+        said = self._said_by(config)
+        other = config or self.config
+        if said is None and self._catalogue is not None:
+            said = Reading.of(other.labelspace or None, other.synonyms or None)
+            in_the_words_of(self.map, said)  # what the map has no class for is refused here
+        made = type(self)(self._link.shared(), other, self._limits, self._patience_s, self.holdings, said)
         made.map_info, made._model_info = self.map_info, self._model_info
         return made
 
@@ -138,17 +145,30 @@ class FleetLocaliser(Localiser):
         names = matching_buildings(catalogue.buildings, self.config.buildings)
         changes = tuple(entry.changes for entry in catalogue.buildings.values() if entry.changes)
         before = self.map.part_of
+        if model is not self.map.model:
+            self._check_words(model)
         whole = self._whole = Whole(catalogue.content_hash, catalogue.n_places, changes, tuple(catalogue.buildings))
         self._catalogue = catalogue
         self._sizes = {name: catalogue.buildings[name].n_places for name in names}
         if model is not self.map.model:
             self.holdings.keep_for(catalogue.model_hash)
             self._show(())
-            self.live.read_by(model)
         elif before is None or changes != before.changes:
             self.holdings.forget_weights()
             self._show(self._keys)
         self.map_info = MapInfo(name=self._link.name, hash=whole.hash, places=whole.n_places)
+
+    def _check_words(self, model: Model) -> None:
+        """Refuse a map that has no class for what is said of labels."""
+        try:
+            self._said.with_known(model.labelspace)
+        except LabelspaceError as error:
+            raise MapError(str(error)) from error
+
+    def _read_labels(self) -> None:
+        """As of `Localiser`, as soon as it is known which classes the map has."""
+        if self._catalogue is not None:
+            super()._read_labels()
 
     # -- the buildings that matter ---------------------------------------------------------------------------------
 
@@ -199,10 +219,12 @@ class FleetLocaliser(Localiser):
 
     def _show(self, keys: tuple[Key, ...]) -> None:
         """Answer from these buildings, by rising name, from now on."""
-        model = self._link.model
+        model, before = self._link.model, self.map.model
         assert model is not None
         self._serve(self.holdings.map_of(keys, self._link.name, model, self._whole, self.config))
         self._keys = keys
+        if model is not before or self._said.auto:  # how often these have each class says what a name may be
+            self._read_labels()
 
 
 class LargeMapLocaliser(FleetLocaliser):

@@ -11,21 +11,12 @@ if TYPE_CHECKING:
     from semloc_core.graph.changes.drift import SHIFT_M, TURN_RAD, DriftMeter
     from semloc_core.graph.changes.stream import Outcome, UpdateStream
     from semloc_core.graph.geodesic import ball, connected, many_balls, ranges
-    from semloc_core.graph.labels.classes import Labels, Reading, advice, all_unknown, read_graph
-    from semloc_core.graph.labels.labelspace import (
-        LARGEST_ID,
-        Labelspace,
-        all_numbers,
-        count_unknown,
-        is_nameless,
-        labelspace_from_hydra,
-        lacks,
-        listed,
-        load_labelspace,
-        load_synonyms,
-        number_of,
-        union,
-    )
+    from semloc_core.graph.labels.classes import Labels, advice, all_unknown
+    from semloc_core.graph.labels.files import load_labelspace, load_synonyms
+    from semloc_core.graph.labels.labelspace import Labelspace, count_unknown, lacks, listed
+    from semloc_core.graph.labels.names import LARGEST_ID, all_numbers, is_nameless, number_of
+    from semloc_core.graph.labels.reading import Reading, read_graph
+    from semloc_core.graph.labels.union import labelspace_from_hydra, union
     from semloc_core.graph.node_ids import INDEX_BITS, full_id, node_number, short_id
     from semloc_core.graph.repair import mend
     from semloc_core.graph.resample import carried_sightings, nearest_parents, place_spacing, resample_places

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.graph.geodesic import edge_lengths
-from semloc_core.graph.labels.labelspace import Labelspace, is_nameless
+from semloc_core.graph.labels.labelspace import Labelspace
+from semloc_core.graph.labels.names import is_nameless
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.graph.storeys import storeys
 from semloc_core.text import short_repr

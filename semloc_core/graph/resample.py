@@ -5,9 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components, dijkstra
-from scipy.spatial import cKDTree
 
 from semloc_core.graph.arrays import Floats, GraphArrays, Ints
 
@@ -17,6 +14,8 @@ JITTER = 0.15
 
 def place_spacing(graph: GraphArrays) -> float:
     """Median distance from a place to its nearest neighbour, metres; 0 where there are no two places."""
+    from scipy.spatial import cKDTree
+
     if graph.n_places < 2:
         return 0.0
     distance = np.asarray(cKDTree(graph.place_positions).query(graph.place_positions, k=2)[0])
@@ -38,6 +37,9 @@ def resample_places(graph: GraphArrays, spacing_m: float, rng: np.random.Generat
         rng: source of randomness.
 
     """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components, dijkstra
+
     if graph.n_places < 2 or spacing_m <= 0:
         return graph
     points, edges, lengths = _points_along_edges(graph, spacing_m / 2)
@@ -63,6 +65,8 @@ def resample_places(graph: GraphArrays, spacing_m: float, rng: np.random.Generat
 
 def nearest_parents(objects: Floats, places: Floats, which: Ints) -> Ints:
     """(2, K) object over its nearest place, for the K objects in ``which``; none where there are no places."""
+    from scipy.spatial import cKDTree
+
     if not len(places) or not len(which):
         return np.zeros((2, 0), dtype=np.int64)
     nearest = cKDTree(places).query(objects[which])[1]
@@ -83,6 +87,8 @@ def carried_sightings(graph: GraphArrays, places: Floats, offsets: Floats) -> In
         (2, S') new place index over object index, sorted.
 
     """
+    from scipy.spatial import cKDTree
+
     found: list[Ints] = []
     if graph.sightings.shape[1]:
         old = cKDTree(graph.place_positions)
@@ -117,6 +123,8 @@ def _thin(points: Floats, spacing_m: float, component: Ints, rng: np.random.Gene
 
     Each connected component keeps a point at least, however near it is to another's.
     """
+    from scipy.spatial import cKDTree
+
     near = cKDTree(points).query_ball_point(points, spacing_m)
     free = np.ones(len(points), dtype=np.bool_)
     chosen = np.zeros(len(points), dtype=np.bool_)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from semloc_core.exports import exports
 
 if TYPE_CHECKING:
-    from semloc_core.map_database.asked import reading_for
+    from semloc_core.map_database.asked import in_the_words_of, reading_for
     from semloc_core.map_database.building_patterns import matching_buildings, unknown_building
     from semloc_core.map_database.database import MapDatabase
     from semloc_core.map_database.frames import frame_of
@@ -51,7 +51,7 @@ __all__ = [
     "MAX_BUILDINGS", "MAX_GRAPH_BYTES", "MAX_HISTORY_BYTES", "MapDatabase", "MapMeta", "Note", "ObjectBelief",
     "PackedGraph", "PlaceRows", "ReadableMap", "StoredBuilding", "Traversal", "Whole", "WritableMap", "assemble",
     "building_digest", "check_hash", "check_in_graph", "check_name", "check_places", "class_weights", "content_hash",
-    "describe", "describe_map", "frame_of", "load", "matching_buildings", "move_rates", "object_weights", "pack_graph",
-    "pack_history", "publish_map", "read", "read_meta", "reading_for", "stored_building", "unknown_building",
-    "unpack_graph", "unpack_history",
+    "describe", "describe_map", "frame_of", "in_the_words_of", "load", "matching_buildings", "move_rates",
+    "object_weights", "pack_graph", "pack_history", "publish_map", "read", "read_meta", "reading_for",
+    "stored_building", "unknown_building", "unpack_graph", "unpack_history",
 ]  # fmt: skip

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
+from weakref import WeakKeyDictionary
 
 from semloc_core.graph import Reading
 from semloc_core.map_database.loaded import LoadedMap
+
+_COUNTS: WeakKeyDictionary[LoadedMap, dict[str, int]] = WeakKeyDictionary()
 
 
 def reading_for(
@@ -29,11 +32,22 @@ def reading_for(
         LabelspaceError: as `Reading.of`.
 
     """
-    said = Reading.of(labelspace, synonyms, topic=topic, robot=robot)
+    return in_the_words_of(loaded, Reading.of(labelspace, synonyms, topic=topic, robot=robot))
+
+
+def in_the_words_of(loaded: LoadedMap, said: Reading) -> Reading:
+    """The same, asked of a map.
+
+    Raises:
+        LabelspaceError: a synonym of a class that the map does not have.
+
+    """
     return said.with_known(loaded.model.labelspace, class_counts(loaded) if said.auto else None)
 
 
 def class_counts(loaded: LoadedMap) -> dict[str, int]:
     """How many objects of each class the buildings have that a map holds; empty for a map that no file holds."""
-    held = loaded.buildings[: len(loaded.stored)]
-    return dict(Counter(thing.class_ for name in held for thing in loaded.graph(name).objects.values()))
+    if loaded not in _COUNTS:
+        held = loaded.buildings[: len(loaded.stored)]
+        _COUNTS[loaded] = dict(Counter(thing.class_ for name in held for thing in loaded.graph(name).objects.values()))
+    return _COUNTS[loaded]

@@ -17,8 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
-from scipy.spatial import cKDTree
 
 from semloc_core.errors import MapError
 from semloc_core.graph import Floats, Ints
@@ -240,6 +238,8 @@ def match_objects(mapped: Scene, seen: Scene, moved: Floats, gate_m: float) -> t
         gate_m: largest horizontal distance.
 
     """
+    from scipy.optimize import linear_sum_assignment
+
     pairs: list[Ints] = [np.zeros((2, 0), dtype=np.int64)]
     metres: list[Floats] = [np.zeros(0)]
     for class_ in np.intersect1d(mapped.classes, seen.classes):
@@ -256,6 +256,8 @@ def match_objects(mapped: Scene, seen: Scene, moved: Floats, gate_m: float) -> t
 
 def _refine(mapped: Scene, seen: Scene, guess: Transform, weights: Floats, config: MergeConfig) -> Alignment | None:
     """Match, fit, match again; the gate follows the noise."""
+    from scipy.spatial import cKDTree
+
     transform, gate_m = guess, START_GATE_M
     for _ in range(STEPS):
         pairs, metres = match_objects(mapped, seen, transform.apply(seen.objects), gate_m)

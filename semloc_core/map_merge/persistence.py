@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from semloc_core.graph import Floats, Ints
 from semloc_core.map_database import ClassChange, ObjectBelief, move_rates
@@ -143,6 +142,8 @@ def judge(
 
 def _candidates(seen: Observation, missing: Bools, config: MergeConfig) -> tuple[Ints, Floats]:
     """Where each missing object may be now: (O,) a spare object or -1, and (O,) density of its move there, 1/m²."""
+    from scipy.optimize import linear_sum_assignment
+
     candidate = np.full(len(seen.classes), -1, dtype=np.int64)
     density = np.zeros(len(seen.classes))
     spread = 2 * config.moved_m**2

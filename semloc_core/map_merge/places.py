@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from semloc_core.graph import Floats, GraphArrays, Ints, place_spacing
 from semloc_core.text import short_repr
@@ -65,6 +64,8 @@ def match_places(mapped: GraphArrays, seen: GraphArrays, positions: Floats) -> P
 
 def _within(points: Floats, of: Floats, metres: float) -> list[list[int]]:
     """For each of ``of`` the points within so many metres, nearest first."""
+    from scipy.spatial import cKDTree
+
     found: list[list[int]] = []
     tree = cKDTree(points)
     for at in of:

@@ -25,10 +25,12 @@ if TYPE_CHECKING:
     from semloc_core.sources.detections.growth.things import Detection, View
     from semloc_core.sources.detections.nav2 import graph_of as graph_of_grid
     from semloc_core.sources.detections.nav2 import read_nav2, read_objects
-    from semloc_core.sources.detections.simulate import DetectorConfig, Glance, simulate_detections, write_detections
+    from semloc_core.sources.detections.recording import write_detections
+    from semloc_core.sources.detections.simulate import DetectorConfig, Glance, simulate_detections
     from semloc_core.sources.detections.stream import DetectionStream, StreamConfig, transform_of
     from semloc_core.sources.graph import read_building, read_graph
-    from semloc_core.sources.hydra.read import AgentPose, HydraFile, read_hydra
+    from semloc_core.sources.hydra.file import AgentPose, HydraFile
+    from semloc_core.sources.hydra.read import read_hydra
     from semloc_core.sources.hydra.stream import DsgStream, odometry, query_place
     from semloc_core.sources.hydra.write import node_id, write_hydra
     from semloc_core.sources.runs.kind import is_run

@@ -8,9 +8,10 @@ if TYPE_CHECKING:
     from semloc_core.training.config import DEFAULT_ENCODER, PERTURBATIONS, PerturbConfig, TrainConfig, train_config
     from semloc_core.training.curve import plot_curve
     from semloc_core.training.held_out import own_validation
-    from semloc_core.training.loop import Report, TrainResult, train
+    from semloc_core.training.loop import TrainResult, train
     from semloc_core.training.losses import infonce
     from semloc_core.training.split import PARTS, Part, Split, positive_pairs, split_places
+    from semloc_core.training.steps import Report
     from semloc_core.training.validation import honest_temperature
     from semloc_core.training.views.perturb import displace_objects, mislabel_objects, perturb
 else:

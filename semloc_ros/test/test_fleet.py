@@ -98,6 +98,20 @@ def test_answers_are_those_on_the_file(localiser, client, assets, server, name):
     assert side.call("explain").success
 
 
+def test_other_names_are_those_of_the_servers_map(localiser, client, assets, server, name):
+    server.keep(name, assets / "home.map")
+    others = {"couch": "settee", "painting": "picture", "shelf": "shelving"}
+    localiser(map=address(server.port, name), synonyms="auto")
+    side = client().connect()
+    core = Localiser(load(assets / "home.map"))
+    for i, update in enumerate(updates()[:3], 1):
+        things = [
+            msgspec.structs.replace(thing, class_=others.get(thing.class_, thing.class_)) for thing in update.objects
+        ]
+        side.send(msgspec.structs.replace(update, objects=things))
+        assert side.wait_matches(i)[-1].matches == published(core.update(wire.encode(update)).matches).matches
+
+
 def test_a_node_that_starts_before_its_server_waits_and_says_so(localiser, client, assets, server, name, capfd):
     server.keep(name, assets / "home.map")
     line = Line(server.port, up=False)

@@ -8,8 +8,13 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from small_building import building_update, delta
+
+from semloc_core import wire
 
 ROOT = Path(__file__).parents[2]
+TOOLS = ("scipy", "sklearn", "matplotlib", "PIL", "spark_dsg", "faiss", "pymilvus")
+"""What the extras bring."""
 
 
 @pytest.fixture(scope="module")
@@ -60,22 +65,45 @@ def test_it_runs_away_from_the_clone(wheel, tmp_path) -> None:
         assert words[0] == "-m" or found.stdout.startswith(str(tmp_path)), found.stdout
 
 
-@pytest.mark.parametrize(("package", "words"), [("typer", ()), ("scipy", ("world", "office", "-o", "office.json"))])
-def test_a_package_that_is_not_installed_is_named_in_a_line(tmp_path, package, words) -> None:
-    """As where semloc was installed without the extra that a command needs."""
+def without(packages, words, folder, path):
+    """Run a command where packages are not installed."""
     program = (
         "import sys\n"
         "class Absent:\n"
         "    def find_spec(self, name, path=None, target=None):\n"
-        f"        if name.split('.')[0] == {package!r}:\n"
+        f"        if name.split('.')[0] in {tuple(packages)!r}:\n"
         "            raise ModuleNotFoundError(f'No module named {name}', name=name)\n"
         "sys.meta_path.insert(0, Absent())\n"
-        f"sys.argv = ['semloc', *{words!r}]\n"
+        f"sys.argv = ['semloc', *{[*map(str, words)]!r}]\n"
         "from semloc_core.__main__ import command\n"
         "command()\n"
     )
-    away = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=away, capture_output=True, text=True)
+    away = {**os.environ, "PYTHONPATH": str(path), "OMP_NUM_THREADS": "1"}
+    return subprocess.run([sys.executable, "-c", program], cwd=folder, env=away, capture_output=True, text=True)
+
+
+def test_the_demo_a_map_and_a_replay_need_no_extra(wheel, tmp_path) -> None:
+    """From an empty folder, by the wheel."""
+    zipfile.ZipFile(wheel).extractall(tmp_path / "site")
+    graph, run = building_update(query=None), tmp_path / "run.jsonl"
+    run.write_bytes(b"\n".join(wire.encode(update) for update in (graph, *(delta(i, query=f"p{i}") for i in (3, 4)))))
+    (tmp_path / "empty").mkdir()
+    for words in (
+        ("map", "build", run, "-o", "run.map"),
+        ("map", "info", "run.map"),
+        ("replay", run, "--map", "run.map", "-o", "results.mcap", "--synonyms", "auto"),
+        ("report", "replay", "results.mcap", "--map", "run.map", "--run", run, "-o", "page.html"),
+        ("demo",),
+    ):
+        done = without(TOOLS, words, tmp_path / "empty", tmp_path / "site")
+        assert done.returncode == 0, (words, done.stderr)
+    assert (tmp_path / "empty/semloc_demo/report.html").stat().st_size > 100_000
+
+
+@pytest.mark.parametrize(("package", "words"), [("typer", ()), ("scipy", ("world", "office", "-o", "office.json"))])
+def test_a_package_that_is_not_installed_is_named_in_a_line(tmp_path, package, words) -> None:
+    """As where semloc was installed without the extra that a command needs."""
+    done = without([package], words, tmp_path, ROOT)
     assert done.returncode == 2, done.stderr
     assert done.stderr == (
         f"semloc: expected the package {package!r} (got none: pip install 'semloc[tools]' has all that commands need)\n"

@@ -16,7 +16,8 @@ from semloc_core.evaluate.relocalise import (
     read_buildings,
     relabelled,
 )
-from semloc_core.graph.labels.labelspace import Labelspace, load_synonyms
+from semloc_core.graph.labels.files import load_synonyms
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.metrics.rows import Row
 from semloc_core.sources.world import KINDS, World, draw_pair, write_world
 from semloc_core.training.config import TrainConfig
@@ -127,7 +128,7 @@ def test_rings_find_real_homes_where_bag_of_words_does_not(data_root: Path, tmp_
 
 
 def test_a_detector_of_other_names_is_led_back_by_the_cross_walk(tmp_path) -> None:
-    """By a table that was written apart from the walk: what has a name of its own there comes back, gaps do not."""
+    """By a table that was written apart from the walk: what has a name of its own there comes back, gaps may be it."""
     world, second = draw_pair(KINDS["home"], np.random.default_rng(7))
     (tmp_path / "home").mkdir()
     for one, name in ((world, "map"), (second, "query")):
@@ -137,11 +138,13 @@ def test_a_detector_of_other_names_is_led_back_by_the_cross_walk(tmp_path) -> No
     (after,) = relabelled([before], names)
     assert after.map is before.map
     lost = {name for name, said in names.items() if said == "unknown"}
+    mapped = {thing.class_ for thing in before.map.graph.objects.values()}
     same = total = 0
     for i, thing in before.query.graph.objects.items():
-        found = after.query.graph.objects[i].class_
+        read = after.query.graph.objects[i]
+        found = read.class_
         if thing.class_ in lost:
-            assert found == "unknown"
+            assert read.labels is None or thing.class_ in read.labels or thing.class_ not in mapped
         elif thing.class_ in names:
             total, same = total + 1, same + (found == thing.class_)
     assert total > 10

@@ -2,14 +2,15 @@
 
 import itertools
 
+import msgspec
 import numpy as np
 import pytest
-from small_building import building_update, delta, make_map, make_model
+from small_building import CLASSES, building_update, delta, make_map, make_model
 
 from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.encoding.model import embed_graph
-from semloc_core.errors import MapError, MapUnavailableError
+from semloc_core.errors import LabelspaceError, MapError, MapUnavailableError
 from semloc_core.fleet.file_source import FileSource
 from semloc_core.fleet.link import Link
 from semloc_core.fleet.localiser import FleetLocaliser
@@ -423,3 +424,42 @@ def test_a_query_without_objects_is_unknown_not_without_a_map(make):
     answer = localiser.update(building_update(query=None))
     assert answer.matches.status == "unknown"
     assert answer.matches.map.places == 8 * 30
+
+
+def renamed(updates):
+    """As another detector calls things."""
+    names = {"couch": "settee", "painting": "picture", "plant": "otherprop"}
+    for update in updates:
+        things = [msgspec.structs.replace(o, class_=names.get(o.class_, o.class_)) for o in update.objects]
+        yield msgspec.structs.replace(update, objects=things)
+
+
+@pytest.mark.parametrize("limits", [ShortlistConfig(), FEW])
+def test_other_names_are_the_maps_as_soon_as_it_is_known(make, path, limits):
+    """Also those of an update that came before: without the server nothing is known of the map's names."""
+    localiser, updates = make(LocaliserConfig(synonyms="auto"), limits), list(renamed(walk(5)))
+    localiser.line.cut = True
+    assert localiser.update(updates[0]).matches.status == "no_graph"
+    localiser.line.cut = False
+    localiser.clock.now += 60
+    found = answers(localiser, updates[1:])
+    assert {thing.class_ for thing in localiser.live.graph.objects.values()} <= set(CLASSES)
+    assert localiser.live.unknown_classes == {}
+    plain = make(None, limits)
+    expected = answers(plain, list(walk(5)))[-1].matches
+    assert [m.map for m in found[-1].matches.matches] == [m.map for m in expected.matches]
+    assert found[-1].matches.matches[0].place == expected.matches[0].place
+
+
+def test_words_that_the_servers_map_has_no_class_for_are_told_with_every_answer(make, tmp_path):
+    (tmp_path / "names.yaml").write_text("synonyms: {settee: zeppelin}")
+    config = LocaliserConfig(synonyms=str(tmp_path / "names.yaml"))
+    localiser = make(config)
+    for result in answers(localiser, list(walk(5, steps=3))):
+        assert result.matches.status == "no_graph"
+        assert "zeppelin" in result.located.query.reason
+    knowing = make()
+    answers(knowing, walk(5, steps=2))
+    with pytest.raises(LabelspaceError, match="zeppelin"):
+        knowing.renewed(config)
+    assert knowing.renewed(LocaliserConfig(synonyms="auto")).config.synonyms == "auto"

@@ -23,7 +23,7 @@ from semloc_core import wire
 from semloc_core.config import LocaliserConfig
 from semloc_core.encoding.model import Model
 from semloc_core.errors import MapError, SemlocError
-from semloc_core.graph.labels.labelspace import load_labelspace
+from semloc_core.graph.labels.files import load_labelspace
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import load
 from semloc_core.sources.bag import read_messages

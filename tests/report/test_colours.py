@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from semloc_core.graph.labels.files import shipped_labelspaces
-from semloc_core.graph.labels.labelspace import load_labelspace
+from semloc_core.graph.labels.files import load_labelspace, shipped_labelspaces
 from semloc_core.report.colours import OTHER_STYLE, OWN, ClassLooks, class_style
 from semloc_core.report.introspection.figures import importance_figure, shift_figure
 

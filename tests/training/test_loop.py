@@ -14,7 +14,8 @@ from semloc_core.errors import ConfigError, SemlocError, TrainingError
 from semloc_core.graph.arrays import GraphArrays
 from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.training.config import PerturbConfig, TrainConfig
-from semloc_core.training.loop import Report, train
+from semloc_core.training.loop import train
+from semloc_core.training.steps import Report
 
 SMALL = TrainConfig(
     encoder_options={"hidden": 8, "heads": 2, "dimension": 8},

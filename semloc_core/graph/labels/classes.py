@@ -1,152 +1,29 @@
-"""What labels mean: the one place that turns the labels of a file, a run or a stream into classes.
-
-Whoever says something of a label is heard in this order: the person (``--synonyms``, ``--labelspace``), the file (its
-names), the map or model (its names, their synonyms, and its numbers for labels without a name). Every command, the
-localiser, the bridge and the player read labels through a `Reading`, and say in a line what it had to decide.
-"""
+"""Labels of one file, run or stream turned into classes, by what a `semloc_core.graph.labels.reading.Reading` says."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import msgspec
 
-from semloc_core.graph.labels.files import shipped_labelspaces
-from semloc_core.graph.labels.label_sets import REMEMBERED, CrossWalk
-from semloc_core.graph.labels.labelspace import (
-    Labelspace,
-    folded,
-    is_nameless,
-    listed,
-    load_labelspace,
-    load_synonyms,
-    number_of,
-    placeholder,
-    union,
-)
-from semloc_core.text import short_repr
+from semloc_core.graph.labels.cross_walk import REMEMBERED, CrossWalk
+from semloc_core.graph.labels.label_sets import Told, likely_sets
+from semloc_core.graph.labels.labelspace import Labelspace, listed
+from semloc_core.graph.labels.names import folded, is_nameless, number_of, placeholder
 from semloc_core.wire import DECIMALS
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
+    from semloc_core.graph.labels.reading import Reading
     from semloc_core.graph.scene_graph import SceneGraph
     from semloc_core.wire import Object, SceneGraphUpdate
 
-AUTO = "auto"
-"""What stands in place of a synonym file for the shipped cross-walk of label sets."""
 NAMED = 12
 """Labels named at most in a line."""
 ALTERNATIVES = 3
 """Classes named at most for one label."""
-
-
-@short_repr
-@dataclass(frozen=True)
-class Reading:
-    """What is said of labels, but for what the file itself says.
-
-    Args:
-        said: the labelspace that a person names.
-        synonyms: what a person joins: a name, or ``class_7`` for number 7 -> a class.
-        known: the labelspace of the map or model.
-        topic, robot: which updates of a run are meant; None: what `semloc_core.sources.Run` finds by itself.
-        shipped: ``said`` is one that semloc ships: it was not written for the file at hand. Its numbers overrule the
-            file's names only where its numbering is the file's, as far as names that both have tell.
-        auto: names that are not known are looked for in the cross-walk of label sets (`label_sets.yaml`).
-        often: how often the map has each class. With it a name that may be any of several classes is read as all of
-            them, by how often they are; without, it is of no class.
-
-    Raises:
-        LabelspaceError: a synonym of a class that the map or model does not have.
-
-    """
-
-    said: Labelspace | None = None
-    synonyms: Mapping[str, str] = field(default_factory=dict)
-    known: Labelspace | None = None
-    shipped: bool = False
-    auto: bool = False
-    often: Mapping[str, float] | None = None
-    topic: str | None = None
-    robot: str | None = None
-
-    @classmethod
-    def of(
-        cls,
-        labelspace: str | None,
-        synonyms: str | Path | None,
-        known: Labelspace | None = None,
-        topic: str | None = None,
-        robot: str | None = None,
-    ) -> Reading:
-        """What a person says by ``--labelspace``, ``--synonyms``, ``--topic`` and ``--robot``.
-
-        Raises:
-            LabelspaceError: no such labelspace, a file that is not right, or a synonym of a class that is not known.
-
-        """
-        said = load_labelspace(labelspace) if labelspace is not None else None
-        auto = synonyms is not None and str(synonyms) == AUTO
-        joined = load_synonyms(synonyms) if synonyms is not None and not auto else {}
-        shipped = labelspace in shipped_labelspaces()
-        found = cls(said, joined, shipped=shipped, auto=auto, topic=topic, robot=robot)
-        return found if known is None else found.with_known(known)
-
-    def with_known(self, known: Labelspace, often: Mapping[str, float] | None = None) -> Reading:
-        """The same for a map or model of this labelspace, and for a map's own counts of its classes."""
-        found = replace(self, known=known, often=often)
-        _ = found.space  # a synonym of no class is refused at once
-        return found
-
-    @cached_property
-    def space(self) -> Labelspace | None:
-        """The labelspace of the map or model as it is after all that the person said; of the same hash."""
-        space = self.known
-        if space is not None and self.said is not None:
-            if self.said.ids:
-                space = space.with_ids_of(self.said)
-            its = self.said.synonyms.items()
-            space = space.with_synonyms({o: n for o, n in its if space.index(o) < 0 <= space.index(n)})
-        return space.with_synonyms(self.synonyms) if space is not None else None
-
-    def classes_of(self, files: Sequence[Labelspace]) -> Labelspace:
-        """The classes to work in: the model's, those that the person names, else all that the files have.
-
-        Args:
-            files: each file's own labelspace.
-
-        """
-        if self.space is not None:
-            return self.space
-        if self.said is not None:
-            return self.said.with_synonyms({o: n for o, n in self.synonyms.items() if self.said.index(n) >= 0})
-        if not self.synonyms:
-            return union(files)
-        spelt = {folded(name): name for name in reversed(list(self.synonyms.values()))}
-        own = Labelspace("synonyms", tuple(spelt.values()))
-        return union([*files, own.with_synonyms(self.synonyms)])
-
-    @cached_property
-    def _walk(self) -> CrossWalk | None:
-        return CrossWalk(self.space) if self.auto and self.space is not None else None
-
-    @cached_property
-    def _joined(self) -> dict[str, str]:
-        return {folded(other): name for other, name in self.synonyms.items()}
-
-    def labels(self, names: Mapping[int, str] | None = None) -> Labels:
-        """A reader of one file's labels.
-
-        Args:
-            names: the file's own names of numbers, where it has any.
-
-        """
-        return Labels(self, names or {})
 
 
 class Labels:
@@ -161,6 +38,9 @@ class Labels:
         self._kept = False
         self._walked: dict[str, str] = {}
         self._several: dict[str, dict[str, float]] = {}
+        self._read_as: dict[str, str] = {}
+        self._heard: dict[str, bool] = {}
+        self._sets: Told = ()
 
     def number(self, number: int, own: str | None = None) -> str:
         """The class of an integer label; ``own`` is the name that the file gives it at one object, else as always."""
@@ -171,6 +51,14 @@ class Labels:
 
     def name(self, label: str) -> str:
         """The class of a label that is a name, or a number in place of one."""
+        found = self._read_as.get(label)
+        if found is None:
+            if len(self._read_as) >= REMEMBERED:
+                self._read_as.clear()
+            found = self._read_as[label] = self._name(label)
+        return found
+
+    def _name(self, label: str) -> str:
         number = number_of(label)
         known = self.reading.known
         if number is not None and known is not None and label in known.classes:
@@ -204,34 +92,55 @@ class Labels:
 
     def graph(self, graph: SceneGraph) -> SceneGraph:
         """A graph with its objects' labels read; the graph itself where none is read otherwise."""
-        things = self._things(graph.objects.values())
-        return graph if things is None else replace(graph, objects={thing.id: thing for thing in things})
+        said = list(graph.objects.values())
+        things = self.objects(said)
+        return graph if things is said else replace(graph, objects={thing.id: thing for thing in things})
 
     def update(self, update: SceneGraphUpdate) -> SceneGraphUpdate:
         """An update with its objects' labels read; the update itself where none is read otherwise."""
-        things = self._things(update.objects)
-        return update if things is None else msgspec.structs.replace(update, objects=things)
+        things = self.objects(update.objects)
+        return update if things is update.objects else msgspec.structs.replace(update, objects=things)
 
-    def _things(self, things: Collection[Object]) -> list[Object] | None:
+    def objects(self, things: list[Object]) -> list[Object]:
+        """Objects with their labels read; the list itself where none is read otherwise."""
+        for thing in things:
+            self._hear(thing.class_)
+            for label in thing.labels or ():
+                self._hear(label)
         read = [self._likeliest(thing.class_, thing.labels) for thing in things]
         if all(one == (thing.class_, thing.labels) for one, thing in zip(read, things, strict=True)):
-            return None
+            return things
         return [
             msgspec.structs.replace(thing, class_=name, labels=labels)
             for (name, labels), thing in zip(read, things, strict=True)
         ]
 
+    def _hear(self, label: str) -> None:
+        """Learn from a name which label set the detector may have."""
+        space = self.reading.space
+        if label in self._heard or space is None or not self.reading.often or self.reading._walk is None:
+            return
+        if len(self._heard) >= REMEMBERED:
+            self._heard.clear()
+        self._heard[label] = space.index(label) < 0
+        names = [folded(each) for each in self._heard]
+        foreign = [folded(each) for each, unknown in self._heard.items() if unknown and not is_nameless(each)]
+        sets = likely_sets(names, foreign)
+        if sets != self._sets:
+            self._sets = sets
+            self._several.clear()
+
     def _likeliest(self, class_: str, labels: Mapping[str, float] | None) -> tuple[str, Mapping[str, float] | None]:
         """What an object most likely is, and all it may be: what becomes one class adds up, no name is the rest."""
         own = self.name(class_)
         if labels is None:
-            if not (several := self._mixture(own)):
+            if not (several := self._mixture(class_)):
                 return own, None
             return next(iter(several)), several
         shares: dict[str, list[float]] = {}
         for label, p in labels.items():
             if not is_nameless(name := self.name(label)):
-                for each, share in (self._mixture(name) or {name: 1.0}).items():
+                for each, share in (self._mixture(label) or {name: 1.0}).items():
                     shares.setdefault(each, []).append(p * share)
         if not shares:
             return own, None
@@ -240,18 +149,24 @@ class Labels:
         best = min(found, key=lambda name: (-round(found[name], DECIMALS), name != own, name))
         return best, found
 
-    def _mixture(self, name: str) -> Mapping[str, float]:
-        """What a name may be any of, by how often the map has each, the likeliest first; empty for one class."""
+    def _mixture(self, label: str) -> Mapping[str, float]:
+        """What a label may be any of, by how often the map has each, the likeliest first; empty for one class."""
         often, walk = self.reading.often, self.reading._walk
-        if often is None or walk is None or self.reading.space is None or self.reading.space.index(name) >= 0:
+        if not often or walk is None:
             return {}
-        if name not in self._several:
-            counts = {each: often[each] for each in walk.among(name) if often.get(each, 0) > 0}
-            total = math.fsum(counts.values())
+        if label not in self._several:
             if len(self._several) >= REMEMBERED:
                 self._several.clear()
-            self._several[name] = {each: counts[each] / total for each in sorted(counts, key=lambda c: (-counts[c], c))}
-        return self._several[name]
+            self._several[label] = self._shares(label, walk, often)
+        return self._several[label]
+
+    def _shares(self, label: str, walk: CrossWalk, often: Mapping[str, float]) -> dict[str, float]:
+        said, joined = self.reading.said, self.reading._joined
+        name = said.canonical(label) if said is not None else label
+        if number_of(label) is not None or folded(label) in joined or folded(name) in joined:
+            return {}
+        shares = walk.shares(name, often, self._sets)
+        return shares if shares.keys() - {self.name(label)} else {}
 
     def told(self) -> list[str]:
         """A line for each thing that had to be decided; none where the labels themselves said all."""
@@ -271,11 +186,6 @@ class Labels:
         if self._kept and said is not None:
             lines.append(f"the file's own class names are kept, since labelspace {said.name} numbers them otherwise")
         return lines
-
-
-def read_graph(graph: SceneGraph, space: Labelspace) -> SceneGraph:
-    """A graph by the names of a map's labelspace: for one that was written before its names were read."""
-    return Reading(known=space).labels().graph(graph)
 
 
 def all_unknown(classes: Iterable[str], space: Labelspace) -> str | None:

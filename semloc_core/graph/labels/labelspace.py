@@ -4,57 +4,21 @@ from __future__ import annotations
 
 import hashlib
 import json
-import logging
 import math
-import re
-import unicodedata
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 from semloc_core.errors import LabelspaceError
-from semloc_core.graph.labels.files import LabelspaceFile, SynonymsFile, read_yaml, shipped_path
-from semloc_core.graph.labels.files import shipped_labelspaces as shipped_labelspaces
+from semloc_core.graph.labels.names import LARGEST_ID, LONGEST, folded, is_nameless, number_of
 from semloc_core.text import short_repr
-from semloc_core.wire import NAMELESS
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from semloc_core.graph.scene_graph import SceneGraph
 
-LARGEST_ID = 2**32 - 1  # Hydra's semantic_label is an unsigned 32-bit integer
-_JOINTS = re.compile(r"[\s_\-\u2010-\u2015\u2212]+")
-_NUMBER = re.compile(r"(?:class)?([0-9]{1,10})")
-_LONGEST = 200
 _REMEMBERED = 4096
-
-logger = logging.getLogger(__name__)
-
-
-def folded(name: str) -> str:
-    """What is left of a name without case, spaces, hyphens and underscores: names that agree in it are one name."""
-    if len(name) > _LONGEST:  # nobody's class: not worth the time
-        return name
-    return unicodedata.normalize("NFKC", _JOINTS.sub("", unicodedata.normalize("NFKC", name).casefold())) or name
-
-
-def placeholder(number: int) -> str:
-    """What a class number without a name is called."""
-    return f"class_{number}"
-
-
-def number_of(name: str) -> int | None:
-    """The number that stands in place of a name, as ``class_7`` or ``7``; None for a name."""
-    found = _NUMBER.fullmatch(folded(name))
-    return int(found[1]) if found is not None and int(found[1]) <= LARGEST_ID else None
-
-
-def is_nameless(name: str) -> bool:
-    """Whether this is the reserved name of objects whose class is not known."""
-    return folded(name) == NAMELESS
 
 
 @short_repr
@@ -126,7 +90,7 @@ class Labelspace:
             found = self._variants.get(folded(name), -1)
             if found < 0 and (number := number_of(name)) is not None and (named := self.name_of(number)) is not None:
                 found = self._index[named]
-            if len(name) <= _LONGEST and len(self._remembered) < _REMEMBERED:
+            if len(name) <= LONGEST and len(self._remembered) < _REMEMBERED:
                 self._remembered[name] = found
         return found
 
@@ -221,164 +185,6 @@ def _problem(space: Labelspace) -> str | None:
     return None
 
 
-def load_labelspace(name_or_path: str | Path) -> Labelspace:
-    """A labelspace that semloc ships, by name, or one from a YAML file.
-
-    Args:
-        name_or_path: one of `shipped_labelspaces`, or the path of a file like these.
-
-    Raises:
-        LabelspaceError: neither, or the file is not right; names the file.
-
-    """
-    path = shipped_path(str(name_or_path))
-    content = read_yaml(path, LabelspaceFile)
-    try:
-        whole = Labelspace(
-            name=content.name,
-            classes=tuple(row.name for row in content.classes),
-            ids={row.name: tuple(row.ids) for row in content.classes if row.ids},
-            mobility={row.name: row.mobility for row in content.classes if row.mobility is not None},
-            synonyms={_spelt(other): name for other, name in content.synonyms.items()},
-            default_mobility=content.default_mobility,
-        )
-        if both := whole.synonyms.keys() & set(whole.classes):
-            raise LabelspaceError(f"expected synonyms that are not classes themselves (got {min(both)!r})")
-        return _as_one(whole, str(path))
-    except LabelspaceError as error:
-        raise LabelspaceError(f"{error} ({path})") from None
-
-
-def load_synonyms(path: str | Path) -> dict[str, str]:
-    """A synonym file (YAML, ``synonyms: {a detector's name, or a number: a map's class}``).
-
-    Raises:
-        LabelspaceError: the file can't be read or is not right, or one name is joined to two classes.
-
-    """
-    found: dict[str, str] = {}
-    meant: dict[str, str] = {}
-    for other, name in read_yaml(path, SynonymsFile).synonyms.items():
-        found[_spelt(other)] = name
-        if folded(meant.setdefault(folded(_spelt(other)), name)) != folded(name):
-            raise LabelspaceError(f"expected a synonym of one class (got {other!r} of several, in {path})")
-    return found
-
-
-def _spelt(other: str | int) -> str:
-    return placeholder(other) if isinstance(other, int) else other
-
-
-def _as_one(space: Labelspace, where: str) -> Labelspace:
-    """The labelspace with names that are one name joined to the first of them, which is said."""
-    together = Counter(folded(name) for name in space.classes)
-    twice = [name for name in space.classes if together[folded(name)] > 1]
-    if not twice:
-        return space
-    logger.warning("%s: class names that are one name become one class: %s", where, ", ".join(twice))
-    first: dict[str, str] = {}
-    ids: dict[str, tuple[int, ...]] = {}
-    mobility: dict[str, float] = {}
-    for name in space.classes:
-        target = first.setdefault(folded(name), name)
-        if name in space.ids:
-            ids[target] = (*ids.get(target, ()), *space.ids[name])
-        if name in space.mobility:
-            mobility[target] = max(space.mobility[name], mobility.get(target, 0.0))
-    synonyms = {other: first[folded(name)] for other, name in space.synonyms.items()}
-    return replace(space, classes=tuple(first.values()), ids=ids, mobility=mobility, synonyms=synonyms)
-
-
-def labelspace_from_hydra(name: str, names: Iterable[tuple[int, str]] | None, labels: Iterable[int]) -> Labelspace:
-    """The labelspace that a Hydra file brings along.
-
-    Args:
-        name: what to call it.
-        names: the file's (id, name) pairs, ``metadata.labelspaces._l2p0``; None where it has none.
-        labels: the ids that occur in the file; without ``names``, id 7 is called ``class_7``.
-
-    Returns:
-        Classes by rising id; a name that stands at several ids, in whatever spelling, has all of them, in that of the
-        first. A number of the file whose name is empty is called by its number; `NAMELESS` is no class.
-
-    Raises:
-        LabelspaceError: an id with two names.
-
-    """
-    found = set(labels)
-    if names is None:
-        pairs = [(i, placeholder(i)) for i in sorted(found)]
-    else:
-        given = [(i, spelling if spelling.strip() else placeholder(i)) for i, spelling in set(names)]
-        pairs = sorted(pair for pair in given if pair[0] in found or pair[1] != placeholder(pair[0]))
-    first: dict[str, str] = {}
-    ids: dict[str, tuple[int, ...]] = {}
-    for number, spelling in pairs:
-        if not is_nameless(spelling):
-            class_name = first.setdefault(folded(spelling), spelling)
-            ids[class_name] = (*ids.get(class_name, ()), number)
-    return Labelspace(name=name, classes=tuple(ids), ids=ids)
-
-
-def union(spaces: Sequence[Labelspace], name: str = "union") -> Labelspace:
-    """One labelspace that has the classes of several, whatever order they come in.
-
-    A class that is another's synonym is joined to it. Labelspaces with the same classes keep their order; else
-    the classes are sorted by name. An id that means different classes is left out: files that use it name their
-    classes themselves. Of two mobilities the larger is taken.
-
-    Args:
-        spaces: at least one.
-        name: of the result.
-
-    Raises:
-        LabelspaceError: no labelspace, or a synonym that means two classes.
-
-    """
-    if not spaces:
-        raise LabelspaceError("expected at least one labelspace (got none)")
-    spelling: dict[str, str] = {}
-    same = all(space.classes == spaces[0].classes for space in spaces)
-    for class_name in spaces[0].classes if same else sorted({c for space in spaces for c in space.classes}):
-        spelling.setdefault(folded(class_name), class_name)
-    targets: dict[str, set[str]] = {}
-    for space in spaces:
-        for other, target in space.synonyms.items():
-            targets.setdefault(other, set()).add(target if same else spelling[folded(target)])
-    synonyms: dict[str, str] = {}
-    for other in sorted(targets):
-        if len(targets[other]) > 1 or targets[other] & targets.keys():
-            raise LabelspaceError(f"expected a synonym of one class (got {other!r} for {sorted(targets[other])})")
-        (synonyms[other],) = targets[other]
-    joined = {folded(other): target for other, target in synonyms.items()}
-
-    def own(class_name: str) -> str:
-        """The result's name of a class of a space: as spelt there where the spaces are alike."""
-        return synonyms.get(class_name) or (
-            class_name if same else joined.get(folded(class_name)) or spelling[folded(class_name)]
-        )
-
-    classes = dict.fromkeys(own(c) for space in spaces for c in space.classes)
-    if not same:
-        classes = dict.fromkeys(sorted(classes))
-    owners: dict[int, set[str]] = {}
-    for space in spaces:
-        for class_name, numbers in space.ids.items():
-            for number in numbers:
-                owners.setdefault(number, set()).add(own(class_name))
-    ids: dict[str, tuple[int, ...]] = {}
-    for number in sorted(owners):
-        if len(owners[number]) == 1:
-            (class_name,) = owners[number]
-            ids[class_name] = (*ids.get(class_name, ()), number)
-    mobility: dict[str, float] = {}
-    for space in spaces:
-        for class_name, metres in space.mobility.items():
-            target = own(class_name)
-            mobility[target] = max(metres, mobility.get(target, 0.0))
-    return Labelspace(name, tuple(classes), ids, mobility, synonyms, max(space.default_mobility for space in spaces))
-
-
 def count_unknown(graph: SceneGraph, labelspace: Labelspace) -> dict[str, int]:
     """How many objects of each class the labelspace does not have, most frequent first.
 
@@ -392,11 +198,6 @@ def count_unknown(graph: SceneGraph, labelspace: Labelspace) -> dict[str, int]:
 def lacks(labelspace: Labelspace, name: str) -> bool:
     """Whether this is a class, and one that the labelspace does not have."""
     return labelspace.index(name) < 0 and not is_nameless(name)
-
-
-def all_numbers(names: Iterable[str]) -> bool:
-    """Whether these are numbers for want of names, as `labelspace_from_hydra` calls the classes of such a file."""
-    return all(number_of(name) is not None for name in names)
 
 
 def listed(counts: Mapping[str, int], most: int = 8) -> str:

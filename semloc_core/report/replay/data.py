@@ -176,8 +176,7 @@ def _weigh_all(
     waiting: dict[tuple[int, int], list[Frame]] = {}
     for frame in data.frames:
         waiting.setdefault((frame.stamp_ns, frame.seq), []).append(frame)
-    localiser, done = Localiser(loaded), 0
-    localiser.live.labels = None if reading is None else reading.labels()
+    localiser, done = Localiser(loaded, said=reading), 0
     for message in recorded:
         if message.text is None:
             continue

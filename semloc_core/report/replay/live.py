@@ -47,8 +47,7 @@ class Feed:
         """Localise along a run to its end; what goes wrong is said on the page, and raised."""
         loaded, config = self._gathering.data.buildings.loaded, self._config
         try:
-            localiser = Localiser(loaded, config)
-            localiser.live.labels = reading.labels()
+            localiser = Localiser(loaded, config, reading)
             replay(
                 run, localiser, config, topic=topic, robot=robot, on_answer=self._on_answer, on_truth=self._on_truth
             )  # fmt: skip

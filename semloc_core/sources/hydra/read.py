@@ -7,12 +7,12 @@ import math
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from semloc_core.errors import ConfigError, FileFormatError, LabelspaceError
-from semloc_core.graph import INDEX_BITS, LARGEST_ID, Labelspace, Reading, SceneGraph, mend
+from semloc_core.errors import FileFormatError, LabelspaceError
+from semloc_core.graph import LARGEST_ID, Labelspace, Reading, SceneGraph, mend
+from semloc_core.sources.hydra.file import AgentPose, HydraFile
 from semloc_core.sources.hydra.format import (
     AGENT_TYPE,
     OBJECT_TYPES,
@@ -25,94 +25,14 @@ from semloc_core.sources.hydra.format import (
     read_document,
 )
 from semloc_core.sources.hydra.labels import LabelNames
+from semloc_core.sources.hydra.links import Links
 from semloc_core.sources.hydra.write import Room
-from semloc_core.text import short_repr
 from semloc_core.wire import Object, Place, Position
 
-FRAME_ID = "map"  # Hydra's; the files do not name theirs
 FARTHEST_M = 1e9
 UNIT_TOLERANCE = 1e-2
 
 logger = logging.getLogger(__name__)
-
-
-def robot_of(node: str) -> str:
-    """The robot that an agent's node id names: the letter in its top byte, or that byte's number."""
-    prefix = int(node or 0) >> INDEX_BITS
-    return chr(prefix) if 32 < prefix < 127 else str(prefix)
-
-
-@dataclass(frozen=True)
-class AgentPose:
-    """Where the robot was.
-
-    Args:
-        stamp_ns: integer nanoseconds.
-        position: metres.
-        orientation_xyzw: unit quaternion; None where the file has none.
-        id: node id; its top byte tells robots apart.
-        place: the place that the file says the robot was at, or None.
-
-    """
-
-    stamp_ns: int
-    position: Position
-    orientation_xyzw: tuple[float, float, float, float] | None
-    id: str = ""
-    place: str | None = None
-
-    @property
-    def robot(self) -> str:
-        """Whose pose it is: the letter of the id's top byte."""
-        return robot_of(self.id)
-
-
-@short_repr
-@dataclass(frozen=True)
-class HydraFile:
-    """What a file holds.
-
-    Args:
-        graph: places, objects, and their edges.
-        labelspace: the file's own: the names it brings along, else ``class_<id>`` of the ids that occur.
-        agents: poses by rising time.
-        rooms: node id -> room.
-        dropped: reason -> how many nodes and edges could not be used.
-        reversed: edges between layers that ran from child to parent; they are used.
-        decided: a line for each thing that had to be decided of its classes (`semloc_core.graph.labels.classes`).
-        said: lines for the person on what was repaired, passed over or will hurt, without the file's name.
-        frame_id: the frame of all positions.
-
-    """
-
-    graph: SceneGraph
-    labelspace: Labelspace
-    agents: list[AgentPose] = field(default_factory=list)
-    rooms: dict[str, Room] = field(default_factory=dict)
-    dropped: dict[str, int] = field(default_factory=dict)
-    reversed: int = 0
-    decided: tuple[str, ...] = ()
-    said: tuple[str, ...] = ()
-    frame_id: str = FRAME_ID
-
-    @property
-    def robots(self) -> list[str]:
-        """The robots whose poses the file has, sorted."""
-        return sorted({pose.robot for pose in self.agents})
-
-    def agents_of(self, robot: str | None = None) -> list[AgentPose]:
-        """The poses of one robot; None: of the first.
-
-        Raises:
-            ConfigError: the file has no poses of that robot.
-
-        """
-        robots = self.robots
-        if robot is not None and robot not in robots:
-            raise ConfigError(
-                f"expected a robot that the file has poses of (got {robot!r}; {', '.join(robots) or 'none'})"
-            )
-        return [pose for pose in self.agents if pose.robot == (robot or robots[0])]
 
 
 def read_hydra(path: str | Path, labelspace: Labelspace | Reading | None = None) -> HydraFile:
@@ -200,7 +120,7 @@ def _convert(path: Path, name: str, labelspace: Labelspace | Reading | None, *, 
     labels = _labels(nodes, kind, name, dropped)
     names = LabelNames(document, [nodes[i] for i in labels], said)
     classes = reading.labels(names.of_labels)
-    links = _Links(document, nodes, kind, dropped)
+    links = Links(document, nodes, kind, dropped)
     try:
         own = names.labelspace(name, set(labels.values()))
     except LabelspaceError as error:
@@ -253,52 +173,6 @@ def _usable_nodes(document: Document, dropped: Counter[str]) -> dict[int, Node]:
     return nodes
 
 
-class _Links:
-    """The file's edges, sorted out by the kinds of their ends."""
-
-    def __init__(self, document: Document, nodes: dict[int, Node], kind: dict[int, str], dropped: Counter[str]) -> None:
-        self.traversability: list[tuple[str, str]] = []
-        self.parents: list[tuple[str, str]] = []
-        self.place_of_agent: dict[int, str] = {}
-        self.places_of_room: dict[int, list[str]] = {}
-        self.on_other_places: set[str] = set()
-        self.reversed = 0
-        seen: set[tuple[int, int]] = set()
-        for edge in document.edges:
-            a, b = edge.ends
-            pair = (a, b) if a < b else (b, a)
-            if a == b:
-                dropped["self-loop"] += 1
-            elif a not in nodes or b not in nodes:
-                dropped["dangling edge"] += 1
-            elif pair in seen:
-                dropped["duplicate edge"] += 1
-            else:
-                seen.add(pair)
-                self._add(a, b, kind)
-
-    def _add(self, a: int, b: int, kind: dict[int, str]) -> None:
-        ends = (kind.get(a), kind.get(b))
-        if ends in (
-            ("object", "place"),
-            ("agent", "place"),
-            ("place", "room"),
-            ("object", "other place"),
-        ):  # parents come first
-            self.reversed += 1
-            a, b, ends = b, a, ends[::-1]
-        if ends == ("place", "place"):
-            self.traversability.append((str(a), str(b)))
-        elif ends == ("place", "object"):
-            self.parents.append((str(a), str(b)))
-        elif ends == ("other place", "object"):
-            self.on_other_places.add(str(b))
-        elif ends == ("place", "agent"):
-            self.place_of_agent[b] = str(a)
-        elif ends == ("room", "place"):
-            self.places_of_room.setdefault(a, []).append(str(b))
-
-
 def _labels(nodes: dict[int, Node], kind: dict[int, str], name: str, dropped: Counter[str]) -> dict[int, int]:
     """Object -> its label; objects without one are dropped, unless all are."""
     objects = [i for i in nodes if kind.get(i) == "object"]
@@ -321,7 +195,7 @@ def _object(node: Node, class_: str) -> Object:
 
 
 def _agents(
-    nodes: dict[int, Node], kind: dict[int, str], links: _Links, dropped: Counter[str], name: str
+    nodes: dict[int, Node], kind: dict[int, str], links: Links, dropped: Counter[str], name: str
 ) -> Iterator[AgentPose]:
     agents = {i: node for i, node in nodes.items() if kind.get(i) == "agent"}
     stamps = {i: n.timestamp if n.timestamp is not None else n.attributes.timestamp for i, n in agents.items()}

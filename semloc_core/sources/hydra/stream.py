@@ -8,7 +8,8 @@ import msgspec
 
 from semloc_core.errors import SemlocError
 from semloc_core.graph import GraphDeltas, Reading, SceneGraph
-from semloc_core.sources.hydra.read import AgentPose, HydraFile, from_spark_dsg
+from semloc_core.sources.hydra.file import AgentPose, HydraFile
+from semloc_core.sources.hydra.read import from_spark_dsg
 from semloc_core.wire import Odometry, SceneGraphUpdate
 
 DSG_UPDATE = "hydra_msgs/msg/DsgUpdate"

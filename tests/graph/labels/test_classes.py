@@ -3,8 +3,9 @@
 import pytest
 
 from semloc_core.errors import LabelspaceError
-from semloc_core.graph.labels.classes import Reading, advice, all_unknown
+from semloc_core.graph.labels.classes import advice, all_unknown
 from semloc_core.graph.labels.labelspace import Labelspace
+from semloc_core.graph.labels.reading import Reading
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.wire import Object, decode_update, encode
 

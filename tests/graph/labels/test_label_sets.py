@@ -3,9 +3,12 @@
 import pytest
 
 from semloc_core.errors import LabelspaceError
-from semloc_core.graph.labels.classes import Reading
-from semloc_core.graph.labels.label_sets import CrossWalk, label_sets
-from semloc_core.graph.labels.labelspace import Labelspace, folded, load_labelspace
+from semloc_core.graph.labels.cross_walk import CrossWalk
+from semloc_core.graph.labels.files import load_labelspace
+from semloc_core.graph.labels.label_sets import label_sets, likely_sets
+from semloc_core.graph.labels.labelspace import Labelspace
+from semloc_core.graph.labels.names import folded
+from semloc_core.graph.labels.reading import Reading
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.wire import Object
 
@@ -78,33 +81,85 @@ def test_what_the_map_or_a_person_calls_a_thing_wins() -> None:
     assert [labels.name(name) for name in ("stool", "stove", "armchair")] == ["stool", "chair", "chair"]
 
 
-def test_a_sets_name_for_the_rest_may_be_all_that_it_has_no_name_for() -> None:
-    space = Labelspace("own", ("chair", "couch", "plant", "dining table", "bench", "vase", "oven"))
-    walk = CrossWalk(space)
-    assert walk.among("otherprop") == walk.among("otherstructure") == ("plant", "bench", "vase", "oven")
-    assert walk.among("objects") == ("bench", "vase"), "Matterport has a plant, and appliances"
-    assert walk.find("otherprop") is None
+EVEN = dict.fromkeys(("chair", "couch", "plant", "dining table", "bench", "vase", "oven"), 1)
+
+
+def shares(often, name, *heard):
+    """Of a name in a map that has these, as heard among others."""
+    walk, space = CrossWalk(Labelspace("own", tuple(often))), Labelspace("own", tuple(often))
+    sets = likely_sets([folded(each) for each in heard], [folded(each) for each in heard if space.index(each) < 0])
+    return walk.shares(name, often, sets)
+
+
+def test_a_sets_name_for_the_rest_may_be_all_that_it_has_no_name_for_of_one_sort_rather_than_of_others() -> None:
+    found = shares(EVEN, "otherprop")
+    assert found == pytest.approx({"oven": 1 / 3.03, "plant": 1 / 3.03, "vase": 1 / 3.03, "bench": 0.03 / 3.03})
+    found = shares(EVEN, "otherfurniture")
+    assert found == pytest.approx({"bench": 1 / 2.06, "oven": 1 / 2.06, "plant": 0.03 / 2.06, "vase": 0.03 / 2.06})
+    assert shares(EVEN, "objects") == pytest.approx({"vase": 1 / 1.03, "bench": 0.03 / 1.03}), (
+        "it names plant, appliances"
+    )
+    assert max(shares(EVEN, "seating").items(), key=lambda item: item[1]) == ("bench", pytest.approx(1 / 1.03))
+    assert CrossWalk(COCO).find("otherprop") is None
     one = CrossWalk(Labelspace("own", ("chair", "plant")))
-    assert (one.find("otherprop"), one.among("otherprop")) == (None, ("plant",)), "it may be nothing that is mapped"
-    assert walk.among("zeppelin") == ()
-
-
-def test_a_wider_name_may_be_any_of_its_kinds_but_those_that_its_set_names() -> None:
-    walk = CrossWalk(Labelspace("own", ("handbag", "suitcase", "tv", "oven", "mini fridge")))
-    assert walk.among("bag") == ("handbag", "suitcase")
-    assert walk.among("appliances") == ("tv", "oven", "mini fridge")
-    walk = CrossWalk(Labelspace("own", ("coffee table", "desk")))
-    assert walk.find("coffee table") == "coffee table"
-    assert CrossWalk(Labelspace("own", ("handbag", "backpack", "suitcase"))).among("sack") == (
-        "handbag",
-        "backpack",
-        "suitcase",
+    assert (one.find("otherprop"), one.shares("otherprop", {"plant": 2})) == (None, {"plant": 1.0}), "it may be nothing"
+    assert shares(EVEN, "zeppelin") == {}
+    assert list(shares({"vase": 5, "plant": 2, "kite": 9}, "otherprop")) == ["kite", "vase", "plant"], (
+        "as the map has them"
     )
 
 
+def test_a_wider_name_may_be_any_of_its_kinds_but_those_that_its_set_names() -> None:
+    often = dict.fromkeys(("handbag", "suitcase", "tv", "oven", "mini fridge"), 1)
+    assert set(shares(often, "bag")) == {"handbag", "suitcase"}
+    assert set(shares(often, "appliances")) == {"tv", "oven", "mini fridge"}
+    heard = ("tv_monitor", "appliances", "sofa", "gym_equipment")
+    assert set(shares(often, "appliances", *heard)) == {"oven", "mini fridge"}, "Matterport names a television"
+    walk = CrossWalk(Labelspace("own", ("coffee table", "desk")))
+    assert walk.find("coffee table") == "coffee table"
+    assert set(shares(dict.fromkeys(("handbag", "backpack", "suitcase"), 1), "sack")) == {
+        "handbag",
+        "backpack",
+        "suitcase",
+    }
+
+
+def test_what_a_detector_says_tells_which_label_set_it_has() -> None:
+    def told(*heard):
+        folds = [folded(each) for each in heard]
+        foreign = [each for each in folds if COCO.index(each) < 0]
+        return [one.rest for likely, one in likely_sets(folds, foreign) if likely == 1.0]
+
+    assert [set(rest) for rest in told("chair", "sofa", "otherprop", "nightstand")] == [
+        {"otherstructure", "otherfurniture", "otherprop"}
+    ]
+    assert told("chair", "couch", "sofa") == [], "one name that the map has not is too little"
+    assert told("zeppelin", "dirigible", "balloon pilot", "sofa", "nightstand") == [], "most of it is in no label set"
+    assert [set(rest) for rest in told("cabinet", "picture", "otherfurniture")] == [{"otherfurniture"}]
+    both = likely_sets(["cabinet", "picture", "otherfurniture"], ["cabinet", "picture", "otherfurniture"])
+    assert [likely for likely, _ in both] == [1 / 8, 1.0], "NYU's forty has these too, but would say others as often"
+
+
+def test_a_name_that_the_map_has_is_also_what_its_detector_has_no_name_of_its_own_for() -> None:
+    often = {"table": 6, "coffee table": 3, "desk": 3}
+    heard = ("table", "otherfurniture", "bookshelf", "bathtub")
+    assert shares(often, "table", *heard) == pytest.approx({"table": 6 / 9, "coffee table": 3 / 9}), "it names a desk"
+    assert shares(often, "table") == {"table": 1.0}, "not where nothing is known of the detector"
+
+
+def test_no_name_is_what_the_detector_has_no_name_for() -> None:
+    often = {"chair": 100, "fireplace": 2, "curtain": 2, "vase": 1}
+    found = shares(often, "unknown", "sofa", "Power outlet", "Street Lights", "Wild Bird")
+    whole = 4 + 0.03 * 101
+    assert found == pytest.approx(
+        {"chair": 3 / whole, "fireplace": 2 / whole, "curtain": 2 / whole, "vase": 0.03 / whole}
+    )
+    assert shares(often, "unknown") == {}
+
+
 def test_names_that_may_be_several_are_read_by_what_the_map_has() -> None:
-    space = Labelspace("own", ("chair", "plant", "vase", "oven", "kite"))
-    often = {"chair": 9, "plant": 2, "vase": 5, "oven": 1}
+    space = Labelspace("own", ("chair", "plant", "vase", "bench", "kite"))
+    often = {"chair": 9, "plant": 2, "vase": 5, "bench": 1}
     labels = Reading(auto=True).with_known(space, often).labels()
     things = [
         Object("a", "otherprop", (0.0,) * 3),
@@ -113,12 +168,27 @@ def test_names_that_may_be_several_are_read_by_what_the_map_has() -> None:
         Object("d", "otherprop", (0.0,) * 3, labels={"otherprop": 0.8, "chair": 0.2}),
     ]
     found = labels.graph(SceneGraph.of([], things, [])).objects
-    assert (found["a"].class_, found["a"].labels) == ("vase", {"vase": 0.625, "plant": 0.25, "oven": 0.125})
+    whole = 7.03
+    assert found["a"].class_ == "vase"
+    assert found["a"].labels == pytest.approx({"vase": 5 / whole, "plant": 2 / whole, "bench": 0.03 / whole})
     assert found["b"] == things[1]
     assert found["c"] == things[2]
-    assert found["d"].labels == pytest.approx({"vase": 0.5, "plant": 0.2, "oven": 0.1, "chair": 0.2})
+    each = {"vase": 4 / whole, "plant": 1.6 / whole, "bench": 0.024 / whole, "chair": 0.2}
+    assert found["d"].labels == pytest.approx(each)
     assert labels.told() == [
-        "names that may be any of several classes, by how often the map has each: otherprop → vase or plant or oven"
+        "names that may be any of several classes, by how often the map has each: otherprop → vase or plant or bench"
     ]
     plain = Reading(auto=True).with_known(space).labels()
     assert plain.graph(SceneGraph.of([], things[:1], [])).objects["a"] == things[0], "not where nothing is known of it"
+
+
+def test_what_is_heard_later_tells_more_of_what_is_said_next() -> None:
+    space = Labelspace("own", ("tv", "oven", "couch"))
+    labels = Reading(auto=True).with_known(space, {"tv": 1, "oven": 1, "couch": 1}).labels()
+
+    def read(*names):
+        things = [Object(f"{i}", name, (0.0,) * 3) for i, name in enumerate(names)]
+        return [thing.labels or thing.class_ for thing in labels.objects(things)]
+
+    assert read("appliances") == [{"oven": 0.5, "tv": 0.5}]
+    assert read("appliances", "gym_equipment", "tv_monitor") == [{"oven": 1.0}, "gym_equipment", "tv"]

@@ -5,15 +5,9 @@ from dataclasses import replace
 import pytest
 
 from semloc_core.errors import LabelspaceError
-from semloc_core.graph.labels.labelspace import (
-    Labelspace,
-    count_unknown,
-    labelspace_from_hydra,
-    load_labelspace,
-    load_synonyms,
-    shipped_labelspaces,
-    union,
-)
+from semloc_core.graph.labels.files import load_labelspace, load_synonyms, shipped_labelspaces
+from semloc_core.graph.labels.labelspace import Labelspace, count_unknown
+from semloc_core.graph.labels.union import labelspace_from_hydra, union
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.wire import Object
 

@@ -7,7 +7,8 @@ import pytest
 
 from semloc_core.errors import FileFormatError
 from semloc_core.graph.arrays import GraphArrays
-from semloc_core.graph.labels.labelspace import Labelspace, load_labelspace
+from semloc_core.graph.labels.files import load_labelspace
+from semloc_core.graph.labels.labelspace import Labelspace
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.sources.hydra import Room, from_spark_dsg, node_id, read_hydra, write_hydra
 from semloc_core.wire import Object, Place, SceneGraphUpdate

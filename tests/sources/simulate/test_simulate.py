@@ -14,7 +14,7 @@ from semloc_core import wire
 from semloc_core.errors import BagError, ConfigError, GraphError
 from semloc_core.graph.changes.stream import Outcome, UpdateStream
 from semloc_core.graph.geodesic import ball
-from semloc_core.graph.labels.classes import Reading
+from semloc_core.graph.labels.reading import Reading
 from semloc_core.graph.scene_graph import SceneGraph
 from semloc_core.sources import graph_at_end, read_run, write_run
 from semloc_core.sources.bag import BagReader, BagWriter, decode_string, read_messages

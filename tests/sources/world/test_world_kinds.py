@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from semloc_core.errors import ConfigError
-from semloc_core.graph.labels.labelspace import load_labelspace
+from semloc_core.graph.labels.files import load_labelspace
 from semloc_core.sources.world import KINDS, Furniture, RoomKind, SecondRun, draw_pair, kinds
 from semloc_core.sources.world.floor_plan import corridor_plan
 from semloc_core.sources.world.furniture import furnish
