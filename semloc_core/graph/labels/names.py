@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Iterable
+from functools import lru_cache
 
 from semloc_core.wire import NAMELESS
 
@@ -33,6 +34,7 @@ def number_of(name: str) -> int | None:
     return int(found[1]) if found is not None and int(found[1]) <= LARGEST_ID else None
 
 
+@lru_cache(maxsize=4096)
 def is_nameless(name: str) -> bool:
     """Whether this is the reserved name of objects whose class is not known."""
     return folded(name) == NAMELESS
