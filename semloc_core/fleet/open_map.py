@@ -15,7 +15,7 @@ from semloc_core.fleet.milvus.address import is_address, parse_address
 from semloc_core.fleet.milvus.source import MilvusSource
 from semloc_core.fleet.narrowing import ShortlistConfig
 from semloc_core.localiser import Localiser
-from semloc_core.map_database import load
+from semloc_core.map_database import LoadedMap, load
 
 
 def open_localiser(
@@ -45,13 +45,7 @@ def open_localiser(
     """
     config = config or LocaliserConfig()
     if not is_address(map_):
-        loaded = load(map_)
-        asked_for = loaded.narrowed(config.buildings)
-        if asked_for.n_places <= ShortlistConfig().places:
-            return Localiser(asked_for, config)
-        large = LargeMapLocaliser(Link(LoadedSource(loaded), np.random.default_rng(0)), config)
-        large.refresh()
-        return large
+        return localiser_in(load(map_), config)
     source = MilvusSource(parse_address(map_), config.server_timeout_s, config.server_poll_s)
     link = Link(source, np.random.default_rng())
     localiser = FleetLocaliser(link, config, patience_s=patience_s)
@@ -66,3 +60,19 @@ def open_localiser(
         raise
     link.outage_s = outage_s  # from here on: a wrong address is told at once
     return localiser
+
+
+def localiser_in(loaded: LoadedMap, config: LocaliserConfig | None = None) -> Localiser:
+    """A localiser in a map in memory; where that is too large for one answer, narrowed as `open_localiser` says.
+
+    Raises:
+        MapError: a map without the buildings asked for.
+
+    """
+    config = config or LocaliserConfig()
+    asked_for = loaded.narrowed(config.buildings)
+    if asked_for.n_places <= ShortlistConfig().places:
+        return Localiser(asked_for, config)
+    large = LargeMapLocaliser(Link(LoadedSource(loaded), np.random.default_rng(0)), config)
+    large.refresh()
+    return large
