@@ -19,7 +19,7 @@ from semloc_core.text import short_repr
 from semloc_core.training import PerturbConfig, perturb
 
 DRAWN = 200
-"""Homes drawn, a third of a second each. Those beyond them are the same ones with other furniture gone and the rest elsewhere: `OTHERWISE`."""
+"""Homes drawn, a third of a second each. Those beyond them are these once more, furnished otherwise (`OTHERWISE`)."""
 OTHERWISE = PerturbConfig(mobility_scale=0.0, jitter_m=0.5, drop_probability=0.2, mislabel_probability=0.1)
 RUNS, DISTANCE_M = 3, 40.0
 SEED_OF_RUNS = 1
