@@ -103,3 +103,12 @@ def update_pivots(rows: Sequence[Row]) -> list[Pivot]:
             whose = "map" if name == "open_s" else str(row["method"])
             pivot.put(whose, f"{row['buildings']:,}", row.get(name))
     return [pivot for pivot in found.values() if pivot.lines]
+
+
+def shortlist_pivots(rows: Sequence[Row]) -> list[Pivot]:
+    """The rows of `evaluate.evaluate_shortlist` as small tables, whose columns are the metres walked."""
+    found = {"listed": Pivot("the robot's building is on the list"), "places": Pivot("places on the list, mean")}
+    for row in rows:
+        for name, pivot in found.items():
+            pivot.put(str(row["method"]), str(row["scope"]).removesuffix("m") + " m", row[name])
+    return [pivot for pivot in found.values() if pivot.lines]
