@@ -3,74 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from semloc_core.encoding import embed_graph, general_model
 from semloc_core.errors import GraphError
-from semloc_core.evaluate.fit_confidence import draw_buildings
 from semloc_core.evaluate.online.fragments import embed_walk
-from semloc_core.evaluate.relocalise import make_arena, read_buildings, read_distractors
+from semloc_core.evaluate.town import SCOPES_M, Town
 from semloc_core.fleet import MappedObjects, ObjectVotes, ShortlistConfig, nearest_first, shortlist
-from semloc_core.graph import GraphArrays, Labelspace, load_labelspace, union
 from semloc_core.map_database import ExactSearch
 from semloc_core.metrics import Progress, Row, no_progress
-from semloc_core.sources import KINDS, WalkConfig, draw_flat, walk
-from semloc_core.text import short_repr
+from semloc_core.sources import WalkConfig, walk
 
-SCOPES_M = (0.0, 2.5, 5.0, 10.0, 20.0, 40.0)
 LIMITS = tuple(ShortlistConfig(buildings=buildings) for buildings in (16, 64, 128, 256, 384))
-LACKS = 0.2
-
-
-@short_repr
-@dataclass(frozen=True, eq=False)
-class Town:
-    """Buildings in one map, and second runs through the first of them.
-
-    Args:
-        maps: as mapped.
-        again: as seen again, in the same frames.
-        labelspace: of all.
-
-    """
-
-    maps: Sequence[GraphArrays]
-    again: Sequence[GraphArrays]
-    labelspace: Labelspace
-
-
-def drawn_town(kind: str, buildings: int, plans: int = 0, seed: int = 0) -> Town:
-    """Generated buildings.
-
-    Args:
-        kind: `semloc_core.sources.KINDS`.
-        buildings: how many.
-        plans: so many plans that they share, as flats do; 0: no two are alike.
-        seed: of all that is drawn.
-
-    """
-    of = {str(name): one for name, one in KINDS.items()}[kind]
-    if not plans:
-        return Town(*draw_buildings(of, buildings, np.random.default_rng(seed)))
-    space, maps, again = load_labelspace(of.labelspace), [], []
-    for number in range(buildings):
-        plan = np.random.default_rng([seed, number % plans, plans])
-        pair = draw_flat(of, plan, np.random.default_rng([seed, number]), LACKS)
-        mapped, seen = (GraphArrays.from_scene_graph(world.graph, space, str(number)) for world in pair)
-        maps.append(mapped)
-        again.append(seen)
-    return Town(maps, again, space)
-
-
-def read_town(root: Path, distractors: Sequence[Path] = ()) -> Town:
-    """Those of ROOT/*/map.json and query.json, and more that are only in the map (`read_distractors`)."""
-    buildings, others = read_buildings(root), read_distractors(distractors)
-    files = [file for building in buildings for file in (building.map, building.query)]
-    arena = make_arena(buildings, union([file.labelspace for file in (*files, *others)]), others)
-    return Town(arena.maps, arena.queries, arena.labelspace)
 
 
 def evaluate_shortlist(

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from semloc_core.evaluate.shortlisted import SCOPES_M, drawn_town, evaluate_shortlist, read_town
+from semloc_core.evaluate.shortlisted import evaluate_shortlist
+from semloc_core.evaluate.town import SCOPES_M, drawn_town, read_town
 from semloc_core.fleet.narrowing import ShortlistConfig
 from semloc_core.metrics import shortlist_pivots
 from semloc_core.sources.world import World, write_world

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from semloc_core import wire
-from semloc_core.encoding import Model, embed_graph, general_model
-from semloc_core.evaluate import draw_buildings, make_arena, read_buildings, read_distractors
+from semloc_core.encoding import Model, general_model
+from semloc_core.evaluate import draw_buildings, make_arena, mapped_building, read_buildings, read_distractors
 from semloc_core.graph import GraphArrays, Labelspace, union
-from semloc_core.map_database import LoadedMap, PlaceRows, StoredBuilding, assemble, stored_building
+from semloc_core.map_database import LoadedMap, PlaceRows, StoredBuilding, assemble
 from semloc_core.metrics import Progress, no_progress
 from semloc_core.sources import KINDS, SimulationConfig, simulate_traversal
 from semloc_core.text import short_repr
@@ -116,19 +116,10 @@ def _homes(
     space, arrays, buildings = model.labelspace, [], []
     for i, home in enumerate(homes):
         arrays.append(home)
-        buildings.append(_building(f"home {i:05d}", home, model))
+        buildings.append(mapped_building(f"home {i:05d}", home, model))
     walk = SimulationConfig(distance_m=distance_m)
     runs = [_run(graph, space, walk, np.random.default_rng([seed, SEED_OF_RUNS, i])) for i, graph in enumerate(queries)]
     return Homes(scope, model, arrays, buildings, runs)
-
-
-def _building(name: str, home: GraphArrays, model: Model) -> tuple[StoredBuilding, PlaceRows]:
-    graph = home.to_scene_graph(model.labelspace)
-    order = np.argsort(np.array(home.place_ids, dtype=object))
-    ids = tuple(home.place_ids[i] for i in order.tolist())
-    stored = replace(stored_building(name, graph, ids, {}), storeys=tuple(home.storeys[order].tolist()))
-    embeddings = np.ascontiguousarray(embed_graph(model, home)[order])
-    return stored, PlaceRows(ids, home.place_positions[order], embeddings)
 
 
 def _run(graph: GraphArrays, space: Labelspace, walk: SimulationConfig, rng: np.random.Generator) -> list[bytes]:
