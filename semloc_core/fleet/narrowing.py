@@ -11,7 +11,7 @@ from msgspec import Meta
 
 SIMILAR = 0.06
 """Nats for each temperature of similarity; chosen on 1,000 generated homes, as the votes' weights."""
-SURE = 0.25
+SURE = 1 / 12
 """Of a new list the part, its best, that has to be on the list at hand for that to stay: making one costs time."""
 ANEW_M, ANEW_OBJECTS = 1.0, 1.25
 """A list is looked at again when so many metres were walked, or so many times as many objects are known."""
