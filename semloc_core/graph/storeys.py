@@ -146,13 +146,13 @@ def separate(building: NDArray[np.integer[Any]], storey: Ints) -> NDArray[np.int
         return np.zeros(0, dtype=np.int32)
     low, span = int(storey.min()), int(storey.max() - storey.min()) + 1
     if span > MOST_APART:  # none of a real building: not so many numbers are held
-        found = np.unique(np.stack([building, storey], axis=1), axis=0, return_inverse=True)[1]
-        return found.reshape(-1).astype(np.int32)
+        both = np.stack([building, storey], axis=1)
+        return np.unique(both, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int32)
     number = building.astype(np.int64) * span + (storey - low)
     there = np.zeros(int(number.max()) + 1, dtype=np.bool_)
     there[number] = True
-    rank: NDArray[np.int32] = np.cumsum(there, dtype=np.int32) - np.int32(1)
-    return rank[number]
+    found: NDArray[np.int32] = (np.cumsum(there, dtype=np.int32) - np.int32(1))[number]
+    return found
 
 
 def _around(flat: Floats, edges: Ints) -> list[Ints]:
