@@ -13,9 +13,13 @@ from semloc_core.fleet.link import Link
 from semloc_core.fleet.localiser import FleetLocaliser, LargeMapLocaliser
 from semloc_core.fleet.milvus.address import is_address, parse_address
 from semloc_core.fleet.milvus.source import MilvusSource
-from semloc_core.fleet.narrowing import ShortlistConfig
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap, load
+
+
+WHOLE_PLACES = 300_000
+"""A map in memory of so many places at most is looked at whole, at some 5 kB a place: 1,000 homes. The time of an answer
+hardly grows with the map, and a list of buildings that changes costs more."""
 
 
 def open_localiser(
@@ -29,8 +33,8 @@ def open_localiser(
     """A localiser in a map.
 
     Args:
-        map_: path of a map file, or ``milvus+http://host:port/name``. A file of more places than `ShortlistConfig`
-            lets one answer look at is narrowed to a few buildings at every answer, as a map on a server is.
+        map_: path of a map file, or ``milvus+http://host:port/name``. A file of more than `WHOLE_PLACES` is narrowed
+            to some of its buildings, as a map on a server is.
         config: options.
         wait: a server that is not there yet is waited for: until it is, there is no map, and no answer.
         patience_s: how long one answer may fetch buildings from a server, see `FleetLocaliser`.
@@ -71,7 +75,7 @@ def localiser_in(loaded: LoadedMap, config: LocaliserConfig | None = None) -> Lo
     """
     config = config or LocaliserConfig()
     asked_for = loaded.narrowed(config.buildings)
-    if asked_for.n_places <= ShortlistConfig().places:
+    if asked_for.n_places <= WHOLE_PLACES:
         return Localiser(asked_for, config)
     large = LargeMapLocaliser(Link(LoadedSource(loaded), np.random.default_rng(0)), config)
     large.refresh()
