@@ -18,7 +18,7 @@ from semloc_core.map_database import LoadedMap, load
 
 WHOLE_PLACES = 300_000
 """A map in memory of so many places at most, some 1,000 homes, is looked at whole: a list of its buildings would take a
-second or two whenever a robot begins anew. It takes some 5 kB a place, and a tenth of a millisecond when it is opened."""
+second or two whenever a robot begins anew. A place takes some 5 kB, and a tenth of a millisecond once, at the start."""
 
 
 def open_localiser(
