@@ -77,6 +77,7 @@ $(VENV)/.bench: $(VENV)/.test
 bench: $(VENV)/.bench ## speed beside the peers: one table, and figures in out/bench
 	@mkdir -p $(OUT)/bench
 	OMP_NUM_THREADS=1 $(PY) -m semloc_core bench --force --json $(OUT)/bench/bench.json
+	OMP_NUM_THREADS=1 $(PY) -m semloc_core bench update --force --json $(OUT)/bench/update.json -o $(OUT)/bench/update.png
 	OMP_NUM_THREADS=1 $(PY) -m semloc_core bench growth --force --json $(OUT)/bench/growth.json --plot $(OUT)/bench/growth.png
 	OMP_NUM_THREADS=1 $(PY) -m semloc_core bench fleet --force --json $(OUT)/bench/fleet.json
 

@@ -13,12 +13,15 @@ if TYPE_CHECKING:
     from semloc_core.benchmark.search import bench_search
     from semloc_core.benchmark.start import bench_start
     from semloc_core.benchmark.train import bench_train
-    from semloc_core.benchmark.update import bench_update
-    from semloc_core.benchmark.verified import bench_verified
+    from semloc_core.benchmark.updates.by_buildings import PEER_UP_TO, bench_update
+    from semloc_core.benchmark.updates.homes import Homes, generated_homes, real_homes
+    from semloc_core.benchmark.updates.machine import one_core, this_machine
+    from semloc_core.benchmark.updates.steps import bench_steps
 else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "BenchCase", "FleetServer", "ROBOTS", "SIZES", "bench_explain", "bench_fleet", "bench_growth", "bench_search",
-    "bench_start", "bench_train", "bench_update", "bench_verified", "make_bench_case", "one_thread",
+    "BenchCase", "FleetServer", "Homes", "PEER_UP_TO", "ROBOTS", "SIZES", "bench_explain", "bench_fleet",
+    "bench_growth", "bench_search", "bench_start", "bench_steps", "bench_train", "bench_update", "generated_homes",
+    "make_bench_case", "one_core", "one_thread", "real_homes", "this_machine",
 ]  # fmt: skip

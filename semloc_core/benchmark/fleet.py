@@ -18,7 +18,7 @@ from semloc_core.config import LocaliserConfig
 from semloc_core.encoding import embed_graph, general_model
 from semloc_core.errors import MapError
 from semloc_core.evaluate import draw_buildings
-from semloc_core.fleet import FleetLocaliser, Holdings, Link, LoadedSource, MilvusSource, ShortlistConfig
+from semloc_core.fleet import FleetLocaliser, Holdings, Link, LoadedSource, MilvusSource, localiser_in
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap, MapDatabase, PlaceRows, StoredBuilding, load, pack_graph
 from semloc_core.metrics import Progress, Row, no_progress
@@ -154,10 +154,9 @@ class _InFile(_Robots):
         return LoadedSource(self._loaded)
 
     def robot(self) -> Localiser:
-        """As `semloc_core.fleet.open_map.open_localiser` makes it: a large map is narrowed to a few buildings."""
-        if self._loaded.n_places <= ShortlistConfig().places:
-            return Localiser(self._loaded, CONFIG)
-        return self._narrowed(self._source)
+        """As a map file is opened: one that is too large to be looked at whole is narrowed to some buildings."""
+        made = localiser_in(self._loaded, CONFIG)
+        return self._narrowed(self._source) if isinstance(made, FleetLocaliser) else made
 
 
 class _OnServer(_Robots):

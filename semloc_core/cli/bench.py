@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from semloc_core.cli.shared.common import Json, Seed, console, progress, show
-from semloc_core.cli.shared.outputs import App, Writes
+from semloc_core.cli.shared.common import Json, Seed, by_comma, console, progress, show, write_json
+from semloc_core.cli.shared.outputs import App, Writes, output_option
+from semloc_core.cli.shared.screen import print_pivot
 from semloc_core.files import PICTURE, write_whole
 
 if TYPE_CHECKING:
@@ -52,16 +53,83 @@ def _run(command: str, title: str, seed: int, json_file: Path | None, *parts: st
 
 @app.callback(invoke_without_command=True)
 def bench(context: typer.Context, seed: Seed = 0, json_file: Json = None) -> None:
-    """Measure speed, side by side with the peers: everything in one table, or a part of it."""
+    """Measure speed, side by side with the peers: all that takes minutes in one table, or a part of it."""
     if context.invoked_subcommand is None:
-        parts = ("update", "verified", "search", "train", "explain", "start")
+        parts = ("steps", "search", "train", "explain", "start")
         _run("bench", "semloc beside its peers, one thread", seed, json_file, *parts)
 
 
+@app.command("steps")
+def steps(seed: Seed = 0, json_file: Json = None) -> None:
+    """One update by similarity alone, step by step, on maps of 1,500 to a million places, beside PyG's forward pass."""
+    _run("bench steps", "one update, with an attribution each time", seed, json_file, "steps")
+
+
 @app.command("update")
-def update(seed: Seed = 0, json_file: Json = None) -> None:
-    """One update, step by step, on maps of 1,500 to a million places, beside PyG's forward pass."""
-    _run("bench update", "one update, with an attribution each time", seed, json_file, "update", "verified")
+def update(
+    buildings: Annotated[
+        str, typer.Option("--buildings", metavar="N,…", help="How many generated homes a map has, by comma.")
+    ] = "1,18,100,200,1000,10000",
+    homes: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--homes",
+            metavar="ROOT",
+            help="Real ones instead, all in one map: ROOT/*/map.json, and query.json to walk through; of further "
+            "ROOTs DIR/*.json and */map.json, in the map only.",
+        ),
+    ] = None,
+    peer_up_to: Annotated[
+        int, typer.Option("--peer-up-to", min=0, help="CLIPPER too on maps of so many buildings at most; 0: not.")
+    ] = 100,
+    robots: Annotated[int, typer.Option(min=1, help="How many share the map and the core, by turns.")] = 32,
+    metres: Annotated[float, typer.Option(min=1.0, help="How far each of three runs goes, m.")] = 40.0,
+    plot: Annotated[Path | None, output_option("PNG", PICTURE, "Draw time against buildings.")] = None,
+    seed: Seed = 0,
+    json_file: Json = None,
+) -> None:
+    """An update with test, attribution and evidence by how many buildings the map has, on one core, beside CLIPPER.
+
+    Homes beyond the first 200 are these with a fifth of their furniture gone and the rest elsewhere.
+    """
+    from semloc_core.metrics import update_pivots
+    from semloc_core.report import update_picture
+
+    sizes = _sizes(buildings)
+    with _peers(), progress("timing") as bar:
+        from semloc_core import benchmark
+
+        before = benchmark.this_machine()
+        if homes:
+            made = benchmark.real_homes(homes, seed, metres, progress=bar)
+            sizes = [len(made.buildings)]
+        else:
+            made = benchmark.generated_homes(max(sizes), seed, metres, progress=bar)
+        with benchmark.one_core():
+            rows = benchmark.bench_update(made, sizes, peer_up_to, robots=robots, progress=bar)
+        after = benchmark.this_machine()
+    about = f"one core of {before}; when done: {after.rpartition(', ')[2]}"
+    console.print(f"{made.scope}, {about}; columns are buildings in the map", markup=False)
+    for pivot in update_pivots(rows):
+        print_pivot(pivot, console)
+    if json_file is not None:
+        inputs = [str(path) for path in homes or []]
+        write_json(json_file, "bench update", seed, inputs, [{**row, "machine": about} for row in rows])
+    if plot is not None:
+        write_whole(plot, update_picture(rows))
+
+
+def _sizes(words: str) -> list[int]:
+    """Sizes of maps, by comma."""
+    try:
+        sizes = [int(word) for word in by_comma(words)]
+    except ValueError:
+        sizes = [0]
+    if min(sizes) < 1:
+        from semloc_core.errors import ConfigError
+
+        raise ConfigError(f"expected --buildings of at least 1, by comma (got {words!r})")
+    return sizes
 
 
 @app.command("search")

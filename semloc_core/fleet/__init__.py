@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from semloc_core.fleet.milvus.server import Server
     from semloc_core.fleet.milvus.source import MilvusSource
     from semloc_core.fleet.narrowing import ShortlistConfig, shortlist
-    from semloc_core.fleet.open_map import open_localiser
+    from semloc_core.fleet.object_votes import MappedObjects, ObjectVotes, nearest_first
+    from semloc_core.fleet.open_map import localiser_in, open_localiser
     from semloc_core.fleet.source import Nearest
     from semloc_core.fleet.writing.database import FleetDatabase
     from semloc_core.fleet.writing.transfer import pull, push
@@ -23,7 +24,7 @@ else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "FileSource", "FleetDatabase", "FleetLocaliser", "Holdings", "INDEX_KINDS", "Link", "LoadedSource", "MilvusAddress",
-    "MilvusSource", "Nearest", "Server", "ShortlistConfig", "is_address", "map_exists", "open_localiser",
-    "parse_address", "pull", "push", "shortlist",
+    "FileSource", "FleetDatabase", "FleetLocaliser", "Holdings", "INDEX_KINDS", "Link", "LoadedSource", "MappedObjects",
+    "MilvusAddress", "MilvusSource", "Nearest", "ObjectVotes", "Server", "ShortlistConfig", "is_address",
+    "localiser_in", "map_exists", "nearest_first", "open_localiser", "parse_address", "pull", "push", "shortlist",
 ]  # fmt: skip

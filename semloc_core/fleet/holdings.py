@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 from semloc_core.config import LocaliserConfig
 from semloc_core.encoding import Model
+from semloc_core.fleet.object_votes import Key, KnownObjects
 from semloc_core.fleet.source import BuildingEntry, Fetched
 from semloc_core.map_database import LoadedMap, Whole, assemble, content_hash
 from semloc_core.matching import LayoutPart, LayoutVerifier, layout_part, share_verifier
-
-Key = tuple[str, str]
 
 
 def key_of(entry: BuildingEntry, name: str) -> Key:
@@ -34,12 +33,16 @@ class Holdings:
     Args:
         places: how many places to keep; buildings in use may have more.
 
+    Attributes:
+        objects: of all buildings of the map, as far as they are known.
+
     """
 
     def __init__(self, places: int) -> None:
         self._most = places
         self._model_hash = ""
         self._held: OrderedDict[Key, _Held] = OrderedDict()
+        self.objects = KnownObjects()
 
     def __contains__(self, key: Key) -> bool:
         return key in self._held
@@ -57,12 +60,13 @@ class Holdings:
         """Let go of all that another model has embedded."""
         if model_hash != self._model_hash:
             self._held.clear()
+            self.objects = KnownObjects()
             self._model_hash = model_hash
 
     def copy(self) -> Holdings:
         """The same buildings, in no memory of their own, for another robot of this process."""
         made = Holdings(self._most)
-        made._held, made._model_hash = self._held.copy(), self._model_hash
+        made._held, made._model_hash, made.objects = self._held.copy(), self._model_hash, self.objects
         return made
 
     def forget_weights(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from typing import TypeVar
 
 import numpy as np
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from semloc_core.encoding import Model
 from semloc_core.errors import MapError, MapUnavailableError
-from semloc_core.fleet.source import Catalogue, Fetched, MapSource, Nearest
+from semloc_core.fleet.object_votes import MappedObjects
+from semloc_core.fleet.source import Catalogue, Fetched, MapSource
 
 logger = logging.getLogger(__name__)
 
@@ -96,9 +97,13 @@ class Link:
         self.catalogue = catalogue
         return self.model, catalogue
 
-    def nearest(self, z: NDArray[np.float32], k: int, buildings: Collection[str] | None) -> Nearest | None:
-        """As `MapSource.nearest`; None where the map lacks one of the buildings by now. Errors as of `refresh`."""
-        return self._ask(lambda: self._unless_gone(lambda: self._source.nearest(z, k, buildings), buildings or ()))
+    def similar(self, z: NDArray[np.float32], k: int, buildings: Collection[str] | None) -> Mapping[str, float] | None:
+        """As `MapSource.similar`; None where the map lacks one of the buildings by now. Errors as of `refresh`."""
+        return self._ask(lambda: self._unless_gone(lambda: self._source.similar(z, k, buildings), buildings or ()))
+
+    def objects(self, buildings: Collection[str]) -> Mapping[str, MappedObjects] | None:
+        """As `MapSource.objects`; None where the map lacks one of the buildings by now. Errors as of `refresh`."""
+        return self._ask(lambda: self._unless_gone(lambda: self._source.objects(buildings), buildings))
 
     def fetch(self, building: str) -> Fetched | None:
         """As `MapSource.fetch`; None where the map lacks the building by now. Errors as of `refresh`."""

@@ -18,15 +18,16 @@ from numpy.typing import NDArray
 from semloc_core.config import LocaliserConfig
 from semloc_core.encoding import Model, build_encoder
 from semloc_core.errors import LabelspaceError, MapError, MapUnavailableError
-from semloc_core.fleet.holdings import Holdings, Key, key_of
+from semloc_core.fleet.holdings import Holdings, key_of
 from semloc_core.fleet.link import Link
-from semloc_core.fleet.narrowing import ShortlistConfig, shortlist
+from semloc_core.fleet.narrowing import ANEW_M, ANEW_OBJECTS, SURE, ShortlistConfig, shortlist
+from semloc_core.fleet.object_votes import Key, seen_objects
 from semloc_core.fleet.source import Catalogue
-from semloc_core.graph import Labelspace, Reading
+from semloc_core.graph import Labelspace, Outcome, Reading, SceneGraph
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap, Whole, assemble, in_the_words_of, matching_buildings
 from semloc_core.matching import Located, Reply, ServerState
-from semloc_core.wire import MapInfo
+from semloc_core.wire import MapInfo, SceneGraphUpdate, decode_update
 
 BELIEVED = 0.05
 """A building that a filter gives so much belief stays on the list, whatever the last query was like."""
@@ -68,10 +69,21 @@ class FleetLocaliser(Localiser):
         self._catalogue: Catalogue | None = None
         self._sizes: Mapping[str, int] = {}
         self._keys: tuple[Key, ...] = ()
+        self._looked: tuple[SceneGraph, float, int] | None = None
+        self._complete = False
         super().__init__(_nothing(link.name), config or LocaliserConfig(), said)
         self.map_info = self._model_info = None
 
     # -- what differs from a map in memory -----------------------------------------------------------------------
+
+    def apply(self, update: SceneGraphUpdate | bytes | str) -> Outcome:
+        """As of `Localiser`; with a full update the list is looked at again."""
+        if not isinstance(update, SceneGraphUpdate):
+            update = decode_update(update, self.config.max_update_bytes)
+        outcome = super().apply(update)
+        if update.full:
+            self._looked = None
+        return outcome
 
     def _locate(self, place: str | None, observed: bool) -> Located:
         graph = self.live.graph
@@ -80,8 +92,8 @@ class FleetLocaliser(Localiser):
         try:
             self.refresh()
             query = self.live.query(place, self.map)
-            if query.encoded is not None:
-                self._focus(query.encoded.embedding[0].numpy())
+            if query.encoded is not None and query.place is not None:
+                self._focus(query.encoded.embedding[0].numpy(), query.place)
         except MapError as error:
             if self._link.outage_s:  # who waited for the server does not go on without it
                 raise
@@ -172,11 +184,11 @@ class FleetLocaliser(Localiser):
 
     # -- the buildings that matter ---------------------------------------------------------------------------------
 
-    def _focus(self, z: NDArray[np.float32]) -> None:
-        """Answer from the buildings that are most like what the robot sees, (D,) embedded."""
+    def _focus(self, z: NDArray[np.float32], place: str) -> None:
+        """Answer from the buildings that are most like what the robot sees from a place, (D,) embedded."""
         until, model = time.monotonic() + self._patience_s, self.map.model
         for _ in range(_ROUNDS):
-            names = self._proposed(z)
+            names = self._proposed(z, place)
             keys = self._fetched(names, until) if names is not None else None
             if keys is not None:
                 if keys != self._keys:
@@ -187,25 +199,50 @@ class FleetLocaliser(Localiser):
                 raise MapUnavailableError("expected the map that the query was embedded for (got one built anew)")
         raise MapUnavailableError("expected a map that stands still for an answer (got one that changes all the time)")
 
-    def _proposed(self, z: NDArray[np.float32]) -> Sequence[str] | None:
+    def _proposed(self, z: NDArray[np.float32], place: str) -> Sequence[str] | None:
         """Names, the likeliest first; None where the map is not what it was."""
-        limits, sizes = self._limits, self._sizes
+        limits, sizes, listed = self._limits, self._sizes, self.map.buildings
         if len(sizes) <= limits.buildings and sum(sizes.values()) <= limits.places:
             return tuple(sizes)
         believed = self._filter.buildings(BELIEVED) if self._filter is not None else ()
-        nearest = self._link.nearest(z, limits.nearest, tuple(sizes) if self.config.buildings else None)
-        if nearest is None:
+        kept = self._complete and sizes.keys() >= set(listed) and set(listed) >= {*believed} & sizes.keys()
+        graph, walked = self.live.graph, self.live.ages.walked
+        assert graph is not None
+        if kept and self._looked is not None:
+            same, metres, objects = self._looked
+            if same is graph and walked - metres < ANEW_M and len(graph.objects) < ANEW_OBJECTS * objects:
+                return listed
+        votes = self._votes(graph, place)
+        similar = self._link.similar(z, limits.nearest, tuple(sizes) if self.config.buildings else None)
+        if votes is None or similar is None:
             return None
-        return shortlist(nearest, sizes, self.map.model.temperature, limits, self.map.buildings, believed)
+        names = shortlist(similar, votes, sizes, self.map.model.temperature, limits, believed)
+        self._looked = graph, walked, len(graph.objects)
+        best = [name for name in names if name not in believed][: math.ceil(SURE * len(names))]
+        return listed if kept and set(listed) >= set(best) else names
+
+    def _votes(self, graph: SceneGraph, place: str) -> Mapping[str, float] | None:
+        """What the objects seen from a place say for each building whose objects are known; None as of `_proposed`."""
+        assert self._catalogue is not None
+        keys = [key_of(self._catalogue.buildings[name], name) for name in self._sizes]
+        space = self.map.model.labelspace
+        known = self.holdings.objects.votes(keys, len(space), self._link.objects)
+        if known is None:
+            return None
+        names, votes = known
+        return dict(zip(names, votes.scores(*seen_objects(graph, space, place)).tolist(), strict=True))
 
     def _fetched(self, names: Sequence[str], until: float) -> tuple[Key, ...] | None:
         """Keys of what is held of these, by name; None where the map is not what it was."""
         assert self._catalogue is not None
         keys: list[Key] = []
+        made = 0  # one at least an answer
         for name in names:
             key = key_of(self._catalogue.buildings[name], name)
-            if keys and time.monotonic() > until and not self.holdings.ready(key, self.config):
+            ready = self.holdings.ready(key, self.config)
+            if keys and made and not ready and time.monotonic() > until:
                 continue
+            made += not ready
             if key not in self.holdings:
                 fetched = self._link.fetch(name)
                 if fetched is None:
@@ -215,6 +252,7 @@ class FleetLocaliser(Localiser):
                     return None
             self.holdings.prepare(key, self._link.name, self.map.model, self._whole, self.config)
             keys.append(key)
+        self._complete = len(keys) == len(names)
         return tuple(sorted(keys))
 
     def _show(self, keys: tuple[Key, ...]) -> None:

@@ -13,9 +13,12 @@ from semloc_core.fleet.link import Link
 from semloc_core.fleet.localiser import FleetLocaliser, LargeMapLocaliser
 from semloc_core.fleet.milvus.address import is_address, parse_address
 from semloc_core.fleet.milvus.source import MilvusSource
-from semloc_core.fleet.narrowing import ShortlistConfig
 from semloc_core.localiser import Localiser
-from semloc_core.map_database import load
+from semloc_core.map_database import LoadedMap, load
+
+WHOLE_PLACES = 300_000
+"""A map in memory of so many places at most, some 1,000 homes, is looked at whole: a list of its buildings would take a
+second or two whenever a robot begins anew. A place takes some 5 kB, and a tenth of a millisecond once, at the start."""
 
 
 def open_localiser(
@@ -29,8 +32,8 @@ def open_localiser(
     """A localiser in a map.
 
     Args:
-        map_: path of a map file, or ``milvus+http://host:port/name``. A file of more places than `ShortlistConfig`
-            lets one answer look at is narrowed to a few buildings at every answer, as a map on a server is.
+        map_: path of a map file, or ``milvus+http://host:port/name``. A file of more than `WHOLE_PLACES` is narrowed
+            to some of its buildings, as a map on a server is.
         config: options.
         wait: a server that is not there yet is waited for: until it is, there is no map, and no answer.
         patience_s: how long one answer may fetch buildings from a server, see `FleetLocaliser`.
@@ -45,13 +48,7 @@ def open_localiser(
     """
     config = config or LocaliserConfig()
     if not is_address(map_):
-        loaded = load(map_)
-        asked_for = loaded.narrowed(config.buildings)
-        if asked_for.n_places <= ShortlistConfig().places:
-            return Localiser(asked_for, config)
-        large = LargeMapLocaliser(Link(LoadedSource(loaded), np.random.default_rng(0)), config)
-        large.refresh()
-        return large
+        return localiser_in(load(map_), config)
     source = MilvusSource(parse_address(map_), config.server_timeout_s, config.server_poll_s)
     link = Link(source, np.random.default_rng())
     localiser = FleetLocaliser(link, config, patience_s=patience_s)
@@ -66,3 +63,19 @@ def open_localiser(
         raise
     link.outage_s = outage_s  # from here on: a wrong address is told at once
     return localiser
+
+
+def localiser_in(loaded: LoadedMap, config: LocaliserConfig | None = None) -> Localiser:
+    """A localiser in a map in memory; where that is too large for one answer, narrowed as `open_localiser` says.
+
+    Raises:
+        MapError: a map without the buildings asked for.
+
+    """
+    config = config or LocaliserConfig()
+    asked_for = loaded.narrowed(config.buildings)
+    if asked_for.n_places <= WHOLE_PLACES:
+        return Localiser(asked_for, config)
+    large = LargeMapLocaliser(Link(LoadedSource(loaded), np.random.default_rng(0)), config)
+    large.refresh()
+    return large

@@ -1,7 +1,7 @@
 """What a localiser needs of a map that is too large, or too much shared, to be loaded whole: `MapSource`.
 
-The server narrows the map down (`MapSource.nearest`), the robot fetches the few buildings that matter
-(`MapSource.fetch`) and does the rest by itself.
+The map is narrowed down by its objects (`MapSource.objects`, read once) and by what the server finds similar
+(`MapSource.similar`); the robot fetches the few buildings that matter (`MapSource.fetch`) and does the rest by itself.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.encoding import Model
+from semloc_core.fleet.object_votes import MappedObjects
 from semloc_core.map_database import ClassChange, PlaceRows, StoredBuilding
 from semloc_core.text import short_repr
 
@@ -118,6 +119,27 @@ class MapSource(Protocol):
 
         Raises:
             MapError: a query that does not fit, an unknown building.
+
+        """
+
+    def similar(self, z: NDArray[np.float32], k: int, buildings: Collection[str] | None = None) -> Mapping[str, float]:
+        """How similar the most similar place of each building is, of those that can be said.
+
+        Args:
+            z: (D,) the query.
+            k: of how many places, the most similar, where not all are looked at.
+            buildings: of these only; None: of all.
+
+        Raises:
+            MapError: as of `nearest`.
+
+        """
+
+    def objects(self, buildings: Collection[str]) -> Mapping[str, MappedObjects]:
+        """The objects of some buildings; those that the map does not say them of are left out.
+
+        Raises:
+            MapError: an unknown building.
 
         """
 

@@ -39,6 +39,8 @@ ABOVE = 2.0
 BETWEEN_M = 0.5
 """A storey that is so little further than another one is as likely to be called a point's."""
 STOREYS_NEAR = BESIDE_M, ABOVE, BETWEEN_M
+MOST_APART = 1024
+"""Numbers of storeys of one building beyond which `separate` does not count through all that may be."""
 STEP_M = 0.05
 SMOOTH_M = 0.2
 """Standard deviation by which levels are smeared before heaps are looked for."""
@@ -140,8 +142,17 @@ def _cost(there: Beside, above: float) -> float:
 
 def separate(building: NDArray[np.integer[Any]], storey: Ints) -> NDArray[np.int32]:
     """(M,) numbers of the storeys of several buildings: equal for places on one storey of one building."""
-    found = np.unique(np.stack([building, storey], axis=1), axis=0, return_inverse=True)[1]
-    return found.reshape(-1).astype(np.int32)
+    if not len(storey):
+        return np.zeros(0, dtype=np.int32)
+    low, span = int(storey.min()), int(storey.max() - storey.min()) + 1
+    if span > MOST_APART:  # none of a real building: not so many numbers are held
+        both = np.stack([building, storey], axis=1)
+        return np.unique(both, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int32)
+    number = building.astype(np.int64) * span + (storey - low)
+    there = np.zeros(int(number.max()) + 1, dtype=np.bool_)
+    there[number] = True
+    found: NDArray[np.int32] = (np.cumsum(there, dtype=np.int32) - np.int32(1))[number]
+    return found
 
 
 def _around(flat: Floats, edges: Ints) -> list[Ints]:

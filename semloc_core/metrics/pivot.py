@@ -1,4 +1,4 @@
-"""Long rows as small tables: a line a method, a column for the metres walked."""
+"""Long rows as small tables: a line a method, a column for the metres walked, or for the size of the map."""
 
 from __future__ import annotations
 
@@ -85,3 +85,30 @@ def online_pivots(rows: Sequence[Row]) -> list[Pivot]:
     for pivot in found[:-1]:  # a scope may have no figure of the first method
         pivot.columns.sort(key=lambda column: float(column.removesuffix(" m")))
     return [pivot for pivot in found if pivot.lines]
+
+
+def update_pivots(rows: Sequence[Row]) -> list[Pivot]:
+    """The rows of `benchmark.bench_update` as small tables, whose columns are the buildings of the map."""
+    found = {
+        "cpu_ms": Pivot("CPU time of an update (ms), median"),
+        "cpu_p99_ms": Pivot("CPU time of an update (ms), 99 %"),
+        "p50_ms": Pivot("by the clock (ms), median"),
+        "p99_ms": Pivot("by the clock (ms), 99 %"),
+        "ratio": Pivot("CPU time, median, over that of the whole update"),
+        "per_s": Pivot("answers a second on the core"),
+        "open_s": Pivot("the map is opened in (s)"),
+    }
+    for row in rows:
+        for name, pivot in found.items():
+            whose = "map" if name == "open_s" else str(row["method"])
+            pivot.put(whose, f"{row['buildings']:,}", row.get(name))
+    return [pivot for pivot in found.values() if pivot.lines]
+
+
+def shortlist_pivots(rows: Sequence[Row]) -> list[Pivot]:
+    """The rows of `evaluate.evaluate_shortlist` as small tables, whose columns are the metres walked."""
+    found = {"listed": Pivot("the robot's building is on the list"), "places": Pivot("places on the list, mean")}
+    for row in rows:
+        for name, pivot in found.items():
+            pivot.put(str(row["method"]), str(row["scope"]).removesuffix("m") + " m", row[name])
+    return [pivot for pivot in found.values() if pivot.lines]

@@ -15,11 +15,12 @@ if TYPE_CHECKING:
     from semloc_core.report.replay.page import live_page, replay_page
     from semloc_core.report.replay.picture import answer_picture
     from semloc_core.report.trust_figures import failure_figure, reliability_figure, success_figure
+    from semloc_core.report.update_figure import update_picture
 else:
     __getattr__ = exports(__name__)
 
 __all__ = [
     "Feed", "Plan", "ReplayData", "answer_picture", "failure_figure", "growth_picture", "has_answers",
     "introspection_page", "keep", "kept", "live_page", "read_results", "reliability_figure", "replay_page", "served",
-    "success_figure", "to_png",
+    "success_figure", "to_png", "update_picture",
 ]  # fmt: skip

@@ -18,8 +18,7 @@ from semloc_core.benchmark.growth import corridor
 from semloc_core.benchmark.search import bench_search
 from semloc_core.benchmark.timing import Contender, by_turns
 from semloc_core.benchmark.train import bench_train, peer_embeddings
-from semloc_core.benchmark.update import STEPS, bench_update
-from semloc_core.benchmark.verified import PARTS, bench_verified
+from semloc_core.benchmark.updates.steps import STEPS, bench_steps
 from semloc_core.config import LocaliserConfig
 from semloc_core.encoding.model import embed_graph
 from semloc_core.encoding.place_graph import extract_all
@@ -57,24 +56,10 @@ def test_contenders_are_measured_by_the_first_of_their_task():
 
 
 def test_an_update_is_taken_apart_into_all_its_steps(case, counted):
-    rows = bench_update(case, sizes=(1_500,))
+    rows = bench_steps(case, sizes=(1_500,))
     assert [row["method"] for row in rows[2:-1]] == [f"· {step}" for step in STEPS]
     steps = sum(row["cpu_ms"] for row in rows[2:-1])
     assert 0.3 < steps / rows[0]["cpu_ms"] < 3.0
-
-
-def test_an_update_whose_answer_is_tested_is_taken_apart(case, counted):
-    """Parts that are timed apart must be those that the localiser runs: they add up to the test."""
-    rows = bench_verified(case, homes=300, distance_m=5.0)
-    assert [row["method"] for row in rows[: len(PARTS) + 2]] == [
-        "semloc, verified, unexplained",
-        "· test by layout",
-        *(f"· · {part}" for part in PARTS),
-    ]
-    for whole, test, *parts in (rows[: len(PARTS) + 2], rows[len(PARTS) + 2 :]):
-        assert whole["repeats"] > 5
-        assert 0.4 < sum(row["cpu_ms"] for row in parts) / test["cpu_ms"] < 2.0
-        assert test["cpu_ms"] < 2.0 * whole["cpu_ms"]
 
 
 def test_search_and_training_have_their_peers(case):

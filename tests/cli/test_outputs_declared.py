@@ -14,7 +14,7 @@ from semloc_core.cli.shared.outputs import Command, Group, is_read, writes
 
 READ = {
     *("--map", "--run", "--study", "--synonyms", "--labelspace", "--query-labels", "--model", "--start"),
-    *("--distractors", "--grid"),
+    *("--distractors", "--grid", "--homes"),
 }
 """Options that name what is read. A new option that takes a path is declared with `Writes`, or listed here."""
 READ_ARGUMENTS = {

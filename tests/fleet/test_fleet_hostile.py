@@ -25,7 +25,7 @@ from map_cases import ONE_LINE, make_building, make_model
 from semloc_core.errors import MapError, MapUnavailableError
 from semloc_core.fleet.milvus import collections as layout
 from semloc_core.fleet.milvus.address import CERTIFICATE_VARIABLE, TOKEN_VARIABLE, MilvusAddress
-from semloc_core.fleet.milvus.rows import Pointer, pack, unpack
+from semloc_core.fleet.milvus.rows import OBJECTS, Pointer, pack, unpack
 from semloc_core.fleet.milvus.server import Server
 from semloc_core.fleet.milvus.source import MilvusSource
 from semloc_core.fleet.writing.database import FleetDatabase
@@ -49,6 +49,7 @@ def read_all(source: MilvusSource) -> None:
     z = make_building(make_model(), 7, 2)[3][0]
     source.nearest(z, 12)
     source.nearest(z, 12, ["a"])
+    assert set(source.objects(["a", "b"])) == {"a", "b"}
 
 
 def each(field: str, value: object) -> Tamper:
@@ -91,6 +92,18 @@ def recoded(data: str, make: Callable[[bytes], bytes]) -> str:
 
 def packed(data: bytes) -> str:
     return base64.b64encode(zlib.compress(data)).decode()
+
+
+def objects(make: Callable[[bytes], bytes], **values: object) -> Tamper:
+    """The objects by which buildings are proposed are others."""
+
+    def tamper(rows: Rows) -> None:
+        for row in rows:
+            if row.get("kind") == OBJECTS:
+                row["data"] = recoded(row["data"], make)
+                row.update(values)
+
+    return tamper
 
 
 CASES: dict[str, tuple[str, Tamper]] = {
@@ -144,6 +157,12 @@ CASES: dict[str, tuple[str, Tamper]] = {
     "a blob of nothing": ("blobs", each("data", "")),
     "no blob": ("blobs", lambda rows: rows.clear()),
     "a piece out of order": ("blobs", each("piece", -1)),
+    "objects of no alphabet": ("blobs", objects(lambda blob: blob, data="§")),
+    "objects a byte short": ("blobs", objects(lambda blob: blob[1:])),
+    "objects of classes that are none": ("blobs", objects(lambda blob: b"\xff" * len(blob))),
+    "objects at no finite position": ("blobs", objects(lambda blob: blob[:2] + b"\xff" * 12 + blob[14:])),
+    "more objects than count": ("blobs", objects(lambda blob: blob * 1000)),
+    "objects of another building": ("blobs", objects(lambda blob: blob, generation=7)),
     "NaN for a similarity": ("search", each("distance", math.nan)),
     "text for a similarity": ("search", each("distance", "near")),
     "no generation": ("search", each("entity", {"id": "x"})),

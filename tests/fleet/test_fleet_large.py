@@ -27,12 +27,12 @@ def path(tmp_path):
 
 @pytest.fixture
 def small_limit(monkeypatch):
-    monkeypatch.setattr(semloc_core.fleet.open_map, "ShortlistConfig", lambda: ShortlistConfig(places=100))
+    monkeypatch.setattr(semloc_core.fleet.open_map, "WHOLE_PLACES", 100)
 
 
 def test_only_a_large_file_is_narrowed(path, monkeypatch):
     assert type(open_localiser(str(path))) is Localiser
-    monkeypatch.setattr(semloc_core.fleet.open_map, "ShortlistConfig", lambda: ShortlistConfig(places=100))
+    monkeypatch.setattr(semloc_core.fleet.open_map, "WHOLE_PLACES", 100)
     large = open_localiser(str(path))
     assert type(large) is LargeMapLocaliser
     assert large.server() is None  # nothing for diagnostics to report of a server

@@ -54,9 +54,13 @@ class Line(FileSource):
         self._over("catalogue")
         return super().catalogue()
 
-    def nearest(self, z, k, buildings=None):
-        self._over("nearest")
-        return super().nearest(z, k, buildings)
+    def similar(self, z, k, buildings=None):
+        self._over("similar")
+        return super().similar(z, k, buildings)
+
+    def objects(self, buildings):
+        self._over("objects")
+        return super().objects(buildings)
 
     def fetch(self, building):
         self._over(building)
@@ -347,7 +351,9 @@ def test_the_filter_goes_on_when_the_list_changes(make):
     localiser = make(config, ShortlistConfig(nearest=25, buildings=2))
     lists = set()
     updates = walk(5, steps=20)
-    for update in updates:
+    for i, update in enumerate(updates):
+        if i == 10:  # a longer one
+            localiser._limits, localiser._complete = ShortlistConfig(nearest=40, buildings=3), False
         answer = localiser.update(update).matches
         lists.add(localiser.map.buildings)
     assert len(lists) > 1, "the list never changed: nothing was tested"

@@ -15,6 +15,7 @@ from semloc_core.fleet.milvus import collections as layout
 from semloc_core.fleet.milvus import reading, server
 from semloc_core.fleet.milvus.address import MilvusAddress
 from semloc_core.fleet.milvus.creating import make_collections
+from semloc_core.fleet.milvus.rows import OBJECTS
 from semloc_core.fleet.milvus.server import Server
 from semloc_core.fleet.milvus.source import MilvusSource
 from semloc_core.fleet.writing.database import FleetDatabase
@@ -58,6 +59,28 @@ def test_content_is_that_of_the_file(address: MilvusAddress, tmp_path: Path, ord
         assert theirs_near.place_ids == ours_near.place_ids
         assert theirs_near.buildings == ours_near.buildings
         np.testing.assert_allclose(theirs_near.similarities, ours_near.similarities, atol=1e-5)
+    ours_objects, theirs_objects = file.objects(["a", "b"]), source.objects(["a", "b"])
+    for name in ("a", "b"):
+        assert theirs_objects[name].pack() == ours_objects[name].pack() != b""
+    best = {name: z @ file.fetch(name).places.embeddings.T for name in ("a", "b")}
+    for asked in (file, source):
+        assert asked.similar(z, 19) == pytest.approx({name: each.max() for name, each in best.items()}, abs=1e-5)
+        assert list(asked.similar(z, 19, ["b"])) == ["b"]
+    source.close()
+
+
+def test_a_map_written_before_it_said_its_objects(address: MilvusAddress) -> None:
+    """It is read as ever; what is written anew says them."""
+    fill(address)
+    server_ = Server(address)
+    server_.delete(layout.blobs(address.name), f'kind == "{OBJECTS}"')
+    server_.close()
+    source = MilvusSource(address, poll_s=0.0)
+    assert source.objects(["a", "b"]) == {}
+    assert set(source.similar(source.fetch("a").places.embeddings[0], 19)) == {"a", "b"}
+    with FleetDatabase.open(address) as database:
+        database.replace_building("b", *make_building(database.model, 8, 4))
+    assert list(source.objects(["a", "b"])) == ["b"]
     source.close()
 
 

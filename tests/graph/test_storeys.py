@@ -74,6 +74,16 @@ def test_a_point_is_on_the_storey_whose_places_span_its_height():
     assert separate(np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])).tolist() == [0, 1, 2, 3]
 
 
+def test_storeys_of_many_buildings_are_numbered_in_order_whatever_they_are_called():
+    rng = np.random.default_rng(0)
+    building = np.sort(rng.integers(0, 9, 200)).astype(np.int32)
+    for storey in (rng.integers(-2, 3, 200), rng.choice([-(2**60), 0, 7, 2**60], 200)):
+        pairs = sorted(set(zip(building.tolist(), storey.tolist(), strict=True)))
+        wanted = [pairs.index(pair) for pair in zip(building.tolist(), storey.tolist(), strict=True)]
+        assert separate(building, storey).tolist() == wanted
+    assert separate(building[:0], storey[:0]).tolist() == []
+
+
 def test_a_point_between_floors_is_on_either_and_one_on_a_floor_on_that_alone():
     positions = np.array([[x, y, z] for z in (0.5, 3.2) for x in range(6) for y in range(6)], dtype=np.float64)
     storey = np.repeat([0, 1], 36)

@@ -10,6 +10,7 @@ import typer
 from semloc_core.cli.evaluate import detections as evaluate_detections
 from semloc_core.cli.evaluate import merge as evaluate_merge
 from semloc_core.cli.evaluate import shortlist
+from semloc_core.cli.evaluate import town as evaluate_town
 from semloc_core.cli.evaluate import trust as evaluate_trust
 from semloc_core.cli.evaluate.options import Models, Root, Verified, Walks
 from semloc_core.cli.shared.common import (
@@ -33,6 +34,7 @@ app.command("merge")(evaluate_merge.merge)
 app.command("trust")(evaluate_trust.trust)
 app.command("detections")(evaluate_detections.detections)
 app.command("shortlist")(shortlist.shortlist)
+app.command("town")(evaluate_town.town)
 
 
 @app.command("office")

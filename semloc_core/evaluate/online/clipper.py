@@ -60,7 +60,7 @@ class Registration:
     transform: Transform
 
 
-def register(
+def register_clipper(
     seen: Floats, seen_classes: Ints, mapped: Floats, mapped_classes: Ints, config: ClipperConfig | None = None
 ) -> Registration | None:
     """Lay seen objects on mapped ones.
@@ -92,8 +92,8 @@ def register(
 Register = Callable[[Floats, Ints, Floats, Ints, ClipperConfig], Registration | None]
 
 
-def original() -> Register | None:
-    """The authors' own, in C++, as `register`; None where their package ``clipperpy`` is not installed."""
+def original_clipper() -> Register | None:
+    """The authors' own, in C++, as `register_clipper`; None where their package ``clipperpy`` is not installed."""
     try:
         peer: Any = import_module("clipperpy")
     except ModuleNotFoundError:

@@ -10,7 +10,7 @@ import numpy as np
 
 from semloc_core import metrics
 from semloc_core.evaluate.online.answers import Bools, OnlineWalk, by_chance, steps_at, verdict
-from semloc_core.evaluate.online.clipper import ClipperConfig, Register, register
+from semloc_core.evaluate.online.clipper import ClipperConfig, Register, register_clipper
 from semloc_core.evaluate.online.verified import PEER, groups_of, success_rows
 from semloc_core.evaluate.relocalise import Arena
 from semloc_core.evaluate.verified_answers import any_frame, true_yaw, written_in
@@ -28,7 +28,7 @@ def judge_clipper(
     progress: Progress = no_progress,
     *,
     method: str = PEER,
-    by: Register = register,
+    by: Register = register_clipper,
     verdicts: dict[str, Bools] | None = None,
 ) -> list[Row]:
     """A row a scope of the peer's answers, in the same frames as `judge_online_layout` turns the robots' into.
@@ -46,7 +46,7 @@ def judge_clipper(
         config: of the registration.
         progress: told of every walk.
         method: what to call it.
-        by: registers, `register` or `original`.
+        by: registers, `register_clipper` or `original_clipper`.
         verdicts: where to put, by method, whether the best answer is right, (W, K).
 
     """

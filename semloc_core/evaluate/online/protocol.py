@@ -26,7 +26,7 @@ from semloc_core.evaluate.online.answers import (
     steps_at,
     verdict,
 )
-from semloc_core.evaluate.online.clipper import original, register
+from semloc_core.evaluate.online.clipper import original_clipper, register_clipper
 from semloc_core.evaluate.online.clipper_walks import judge_clipper
 from semloc_core.evaluate.online.foreign import judge_foreign
 from semloc_core.evaluate.online.fragments import embed_walk
@@ -171,10 +171,19 @@ def evaluate_online(
             through = make_walks(seen, config, walks, seed)
             rows += judge_agreement(name, agreement, arena, through, scopes_m, config.range_m, radius_m, seed)
     if peer:
-        by = original()
+        by = original_clipper()
         method = PEER if by is None else f"{PEER}, original"
         rows += judge_clipper(
-            arena, paths, scopes_m, radius_m, seed, None, progress, method=method, by=by or register, verdicts=verdicts
+            arena,
+            paths,
+            scopes_m,
+            radius_m,
+            seed,
+            None,
+            progress,
+            method=method,
+            by=by or register_clipper,
+            verdicts=verdicts,
         )
         rows += paired_rows(verdicts, groups_of(paths), scopes_m, seed)
     progress(total, total, "done")

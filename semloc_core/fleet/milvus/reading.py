@@ -12,17 +12,20 @@ from semloc_core.encoding import Model
 from semloc_core.errors import MapError, SemlocError
 from semloc_core.fleet.milvus import collections as layout
 from semloc_core.fleet.milvus.rows import (
+    OBJECTS,
     MapRow,
     Pointer,
     check_building,
     integer,
     join_pieces,
     join_places,
+    one_piece,
     pieces,
     text,
     unpack,
 )
 from semloc_core.fleet.milvus.server import MAX_ROWS, NoCollectionError, Server
+from semloc_core.fleet.object_votes import MappedObjects
 from semloc_core.map_database import MAX_BUILDINGS, PackedGraph, PlaceRows, StoredBuilding, unknown_building
 from semloc_core.text import short_repr
 
@@ -246,6 +249,25 @@ def read_stored(server: Server, name: str, generation: int, pointer: Pointer) ->
     return StoredBuilding(
         pointer.name, pointer.source, pointer.frame_id, pointer.stamp_ns, pointer.n_places, packed, history
     )
+
+
+def read_objects(server: Server, name: str, generations: Sequence[int], n_classes: int) -> dict[int, MappedObjects]:
+    """The objects of buildings by generation; those that were written before maps said them are left out.
+
+    Raises:
+        MapError: something else is there.
+
+    """
+    found: dict[int, MappedObjects] = {}
+    for start in range(0, len(generations), _POINTERS_AT_ONCE):
+        some = generations[start : start + _POINTERS_AT_ONCE]
+        condition = f'kind == "{OBJECTS}" and generation in [{", ".join(map(str, some))}]'
+        for row in server.query(layout.blobs(name), condition, layout.BLOB_FIELDS, 2 * len(some)):
+            generation = integer(row, "generation")
+            if generation not in some:
+                raise MapError("expected objects of buildings asked for (got others: the map is damaged)")
+            found[generation] = MappedObjects.unpack(one_piece(row), n_classes)
+    return found
 
 
 def current(read: Callable[[], State], again: Callable[[], State], building: str) -> tuple[int, Pointer]:

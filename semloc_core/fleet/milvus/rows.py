@@ -33,6 +33,8 @@ from semloc_core.map_database import (
 )
 
 FORMAT_VERSION = 1
+OBJECTS = "objects"
+"""Kind of the blob with a building's objects, for `fleet.object_votes`: maps written before it was have none."""
 MAX_PLACES = 10_000_000  # of a building
 _MAX_DATA_BYTES = 2**20  # of a catalogue row, unpacked
 
@@ -203,6 +205,14 @@ def pieces(size: int) -> int:
     return -(-size // layout.PIECE_BYTES)
 
 
+def one_piece(row: Row) -> bytes:
+    """The bytes of a piece of a blob; MapError where it is none."""
+    try:
+        return base64.b64decode(text(row, "data"), validate=True)
+    except (binascii.Error, ValueError):
+        raise MapError("expected a piece of a blob in base 64 (got something else: the map is damaged)") from None
+
+
 def join_pieces(rows: Sequence[Row], first: int, count: int, size: int) -> bytes:
     """Some pieces of a blob, in order.
 
@@ -216,15 +226,12 @@ def join_pieces(rows: Sequence[Row], first: int, count: int, size: int) -> bytes
         MapError: a piece is missing or is something else.
 
     """
-    found = {integer(row, "piece"): text(row, "data") for row in rows}
+    found = {integer(row, "piece"): row for row in rows}
     if sorted(found) != list(range(first, first + count)):
         raise MissingRowsError(f"expected {count} pieces of a blob (got {len(found)}: the map is damaged)")
     parts = []
     for piece in range(first, first + count):
-        try:
-            part = base64.b64decode(found[piece], validate=True)
-        except (binascii.Error, ValueError):
-            raise MapError("expected a piece of a blob in base 64 (got something else: the map is damaged)") from None
+        part = one_piece(found[piece])
         if len(part) != min(layout.PIECE_BYTES, size - piece * layout.PIECE_BYTES):
             raise MapError(f"expected a blob of {size} bytes (got another size: the map is damaged)")
         parts.append(part)

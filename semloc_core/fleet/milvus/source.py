@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -16,9 +16,18 @@ from semloc_core.errors import MapError, MapUnavailableError
 from semloc_core.fleet.milvus import collections as layout
 from semloc_core.fleet.milvus.address import MilvusAddress
 from semloc_core.fleet.milvus.nearest import Hits, clean_hits, search_parameters
-from semloc_core.fleet.milvus.reading import State, current, read_building, read_change, read_model, read_state
+from semloc_core.fleet.milvus.reading import (
+    State,
+    current,
+    read_building,
+    read_change,
+    read_model,
+    read_objects,
+    read_state,
+)
 from semloc_core.fleet.milvus.rows import MissingRowsError
 from semloc_core.fleet.milvus.server import DEFAULT_TIMEOUT_S, MAX_ROWS, Server
+from semloc_core.fleet.object_votes import MappedObjects
 from semloc_core.fleet.source import Catalogue, Fetched, Nearest
 from semloc_core.map_database import content_hash
 
@@ -100,6 +109,23 @@ class MilvusSource:
                         continue
                 return Fetched(pointer.entry(generation), stored, places)
             raise AssertionError("the last try returns or raises")
+
+    def similar(self, z: NDArray[np.float32], k: int, buildings: Collection[str] | None = None) -> Mapping[str, float]:
+        """Of the buildings that the k places most similar lie in."""
+        found: dict[str, float] = {}
+        near = self.nearest(z, k, buildings)
+        for name, similarity in zip(near.buildings, near.similarities.tolist(), strict=True):
+            found.setdefault(name, similarity)
+        return found
+
+    def objects(self, buildings: Collection[str]) -> Mapping[str, MappedObjects]:
+        """As of `MapSource.objects`; of buildings that were written before maps said them nothing."""
+        with self._lock:
+            n_classes, state = len(self.model().labelspace), self._now()
+            of = {current(lambda: state, self._look_again, name)[0]: name for name in buildings}
+            with self._doubting():
+                found = read_objects(self._server, self.name, sorted(of), n_classes)
+            return {of[generation]: its for generation, its in found.items()}
 
     def nearest(self, z: NDArray[np.float32], k: int, buildings: Collection[str] | None = None) -> Nearest:
         """By the server's index: approximate, unless that is ``FLAT``; see `MapSource.nearest`."""

@@ -13,10 +13,22 @@ from semloc_core.encoding import Model
 from semloc_core.errors import MapError
 from semloc_core.fleet.milvus import collections as layout
 from semloc_core.fleet.milvus.reading import State, state_now
-from semloc_core.fleet.milvus.rows import FORMAT_VERSION, MapRow, Pointer, Row, blob_rows, integer, pack, place_rows
+from semloc_core.fleet.milvus.rows import (
+    FORMAT_VERSION,
+    OBJECTS,
+    MapRow,
+    Pointer,
+    Row,
+    blob_rows,
+    integer,
+    pack,
+    place_rows,
+)
 from semloc_core.fleet.milvus.server import Server
+from semloc_core.fleet.object_votes import objects_of
 from semloc_core.fleet.writing.conflicts import Draft, check_unchanged
-from semloc_core.map_database import MAX_BLOB_BYTES
+from semloc_core.graph import Labelspace, read_graph
+from semloc_core.map_database import MAX_BLOB_BYTES, unpack_graph
 
 _RENEW_S = 30.0
 _BYTES_AT_ONCE = 4 * 2**20
@@ -39,7 +51,12 @@ def map_row(model: Model, data: bytes) -> MapRow:
 
 
 def commit(
-    server: Server, name: str, before: State | None, drafts: Mapping[str, Draft | None], model: Model | None = None
+    server: Server,
+    name: str,
+    before: State | None,
+    drafts: Mapping[str, Draft | None],
+    model: Model | None = None,
+    labelspace: Labelspace | None = None,
 ) -> None:
     """Write buildings, remove others, put another model in: all visible at once.
 
@@ -51,6 +68,7 @@ def commit(
         before: the state that the drafts were made from; None for a map that is not there yet.
         drafts: by building; None removes it.
         model: the map's from now on; None leaves it.
+        labelspace: the map's from now on, where a building is written.
 
     Raises:
         MapError: a draft's base is no longer current, the map has another model by now, the server refuses. The map
@@ -79,6 +97,9 @@ def commit(
         generation = upload.begin()
         upload.put(layout.blobs(name), blob_rows(generation, "graph", draft.stored.graph.data))
         upload.put(layout.blobs(name), blob_rows(generation, "history", draft.stored.history))
+        assert labelspace is not None
+        objects = objects_of(read_graph(unpack_graph(draft.stored.graph), labelspace), labelspace)
+        upload.put(layout.blobs(name), blob_rows(generation, OBJECTS, objects.pack()))
         upload.put(layout.places(name, of_map.dimension), place_rows(generation, draft.places))
         flip.append(_catalogue_row(key, generation, pointer))
     replaced: set[int] = set()

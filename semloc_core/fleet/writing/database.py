@@ -126,7 +126,8 @@ class FleetDatabase(OpenedMap):
         try:
             yield
             if self._drafts or self._fresh_model is not None:
-                commit(self._server, self.name, self._last, self._drafts, self._fresh_model)
+                space = self.model.labelspace if any(self._drafts.values()) else None
+                commit(self._server, self.name, self._last, self._drafts, self._fresh_model, space)
         finally:
             self._depth, self._drafts, self._fresh_model, self._stale = 0, {}, None, True
         if not self._tidied:

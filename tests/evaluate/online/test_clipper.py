@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from semloc_core.evaluate.online.clipper import ClipperConfig, affinities, densest, original, register
+from semloc_core.evaluate.online.clipper import ClipperConfig, affinities, densest, original_clipper, register_clipper
 from semloc_core.map_merge import fit_transform
 
 
@@ -24,7 +24,9 @@ def test_a_turned_and_shifted_set_is_laid_back_whatever_is_strange_in_it(yaw):
     classes = rng.integers(0, 5, 20)
     seen = turned(mapped[:12], yaw, (30.0, -7.0, 1.0))
     strangers = turned(rng.uniform(-8, 8, (5, 3)), 0.0, (30.0, -7.0, 1.0))
-    found = register(np.concatenate([seen, strangers]), np.concatenate([classes[:12], classes[:5]]), mapped, classes)
+    found = register_clipper(
+        np.concatenate([seen, strangers]), np.concatenate([classes[:12], classes[:5]]), mapped, classes
+    )
     assert found is not None
     assert {(i, j) for i, j in zip(found.seen.tolist(), found.mapped.tolist(), strict=True) if i < 12} == {
         (i, i) for i in range(12)
@@ -59,9 +61,9 @@ def test_pairs_are_as_consistent_as_their_distances_are_alike():
 
 def test_fewer_than_two_consistent_pairs_are_no_pose():
     at = np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0]])
-    assert register(at, np.array([0, 1]), at, np.array([0, 2])) is None
-    assert register(at, np.array([0, 1]), at * 3, np.array([0, 1])) is None
-    assert register(at[:0], np.zeros(0, dtype=np.int64), at, np.array([0, 1])) is None
+    assert register_clipper(at, np.array([0, 1]), at, np.array([0, 2])) is None
+    assert register_clipper(at, np.array([0, 1]), at * 3, np.array([0, 1])) is None
+    assert register_clipper(at[:0], np.zeros(0, dtype=np.int64), at, np.array([0, 1])) is None
 
 
 def test_the_fit_is_the_least_squares_one():
@@ -102,13 +104,13 @@ def test_the_original_is_asked_where_it_is_installed(monkeypatch):
     invariants = SimpleNamespace(EuclideanDistanceParams=SimpleNamespace, EuclideanDistance=lambda given: given)
     peer = SimpleNamespace(invariants=invariants, CLIPPER=Solver, Params=SimpleNamespace)
     monkeypatch.setitem(sys.modules, "clipperpy", peer)
-    by = original()
+    by = original_clipper()
     assert by is not None
     rng = np.random.default_rng(3)
     mapped, classes = rng.uniform(-8, 8, (15, 3)), rng.integers(0, 4, 15)
     seen = turned(mapped[:9], 0.8, (3.0, 1.0, 0.0))
     config = ClipperConfig(sigma_m=0.3)
-    found, own = (one(seen, classes[:9], mapped, classes, config) for one in (by, register))
+    found, own = (one(seen, classes[:9], mapped, classes, config) for one in (by, register_clipper))
     assert asked == [((3, 9), (3, 15), np.dtype(np.int32))]
     assert set(zip(found.seen.tolist(), found.mapped.tolist(), strict=True)) == set(
         zip(own.seen.tolist(), own.mapped.tolist(), strict=True)
@@ -116,4 +118,4 @@ def test_the_original_is_asked_where_it_is_installed(monkeypatch):
     assert found.score == own.score
     assert by(seen[:1], classes[:1], mapped, classes + 9, config) is None
     monkeypatch.setitem(sys.modules, "clipperpy", None)
-    assert original() is None
+    assert original_clipper() is None

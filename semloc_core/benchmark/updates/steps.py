@@ -25,7 +25,7 @@ MAP_SIZES = (1_500, 100_000, 1_000_000)
 STEPS = ("decode", "apply", "extract", "embed", "search and rank", "attribute", "test of the attribution", "encode")
 
 
-def bench_update(
+def bench_steps(
     case: BenchCase, sizes: Sequence[int] = MAP_SIZES, rounds: int = 1, progress: Progress = no_progress
 ) -> list[Row]:
     """Time updates.

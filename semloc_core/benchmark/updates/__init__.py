@@ -1,0 +1,1 @@
+"""One update: step by step, and by how many buildings the map has."""
