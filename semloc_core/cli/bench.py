@@ -75,7 +75,7 @@ def update(
         typer.Option(
             "--homes",
             metavar="ROOT",
-            help="Real ones instead, all in one map: ROOT/*/map.json, and query.json to walk through; of further "
+            help="Real ones instead, all in one map: ROOT/NAME/map.json, and query.json to walk through; of further "
             "ROOTs DIR/*.json and */map.json, in the map only.",
         ),
     ] = None,
