@@ -95,7 +95,7 @@ def update_pivots(rows: Sequence[Row]) -> list[Pivot]:
         "p50_ms": Pivot("by the clock (ms), median"),
         "p99_ms": Pivot("by the clock (ms), 99 %"),
         "ratio": Pivot("CPU time, median, over that of the whole update"),
-        "per_s": Pivot("answers a second on the core"),
+        "per_s": Pivot("answers a second of the core's time"),
         "open_s": Pivot("the map is opened in (s)"),
     }
     for row in rows:

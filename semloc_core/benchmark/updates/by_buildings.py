@@ -64,9 +64,9 @@ def bench_update(
 
     Returns:
         For each map: the whole update but for full ones, from JSON to matches, attributions and evidence in JSON; its
-        steps; full updates; the robots' answers (without attributions) a second, ``per_s``; the peer. ``ratio`` is the
-        row's own CPU time over the whole update's, ``cpu_p99_ms`` what one in a hundred takes longer than,
-        ``buildings`` and ``places`` the map's size, ``open_s`` how long it took to open it.
+        steps; full updates; the robots' answers (without attributions) a second of CPU time, ``per_s``; the peer.
+        ``ratio`` is the row's own CPU time over the whole update's, ``cpu_p99_ms`` what one in a hundred takes longer
+        than, ``buildings`` and ``places`` the map's size, ``open_s`` how long it took to open it.
 
     """
     rows: list[Row] = []
@@ -150,7 +150,7 @@ def _by_turns(scope: str, first: Localiser, runs: Sequence[Sequence[bytes]], rob
     for robot in fleet:
         robot.close()
     row = _row(scope, f"{robots} robots by turns, no attributions", taken, float("nan"))
-    return row | {"ratio": None, "per_s": len(taken) / float(np.sum([wall for wall, _ in taken]))}
+    return row | {"ratio": None, "per_s": len(taken) / float(np.sum([own for _, own in taken]))}
 
 
 def _answered(localiser: Localiser, text: bytes) -> None:
