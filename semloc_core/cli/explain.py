@@ -102,7 +102,8 @@ def explain(
         _nearest_mapped(loaded, building or loaded.buildings[0], place_at, within)  # or refuse before the long work
     graph = read_graph_or_run(source, reading_for(loaded, labelspace, synonyms, topic, robot))
     unknown = count_unknown(graph, loaded.model.labelspace)
-    report_unknown_classes(unknown, str(source), advise=False)
+    nothing = all_unknown((thing.class_ for thing in graph.objects.values()), loaded.model.labelspace)
+    report_unknown_classes(unknown, str(source), advise=not nothing)
     query, said = _query_place(graph, query, at, within)
     localiser = Localiser(loaded)
     result = localiser.update(graph.to_update(seq=0, stamp_ns=0, frame_id="query", query_place=query))
@@ -122,7 +123,6 @@ def explain(
     elif elsewhere:
         raise ConfigError(f"expected a query place that can be embedded (got {query}: {result.located.query.reason})")
     reason = result.located.query.reason
-    nothing = all_unknown((thing.class_ for thing in graph.objects.values()), loaded.model.labelspace)
     if nothing and unknown:
         reason = f"{nothing}; {advice(unknown)}"
     if long:

@@ -145,7 +145,7 @@ def replay(
         localiser.close()
     labels = localiser.live.labels
     tell(run, labels.told() if labels is not None else [])
-    report_unknown_classes(summary.unknown_classes, str(run), advise=False)
+    report_unknown_classes(summary.unknown_classes, str(run), advise=not summary.all_unknown)
     if summary.all_unknown:
         note(f"{run}: {summary.all_unknown}; {advice(summary.unknown_classes)}")
     for line in summary.said:

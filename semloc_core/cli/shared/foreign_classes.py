@@ -35,13 +35,12 @@ def report_unknown_classes(unknown: Mapping[str, int], where: str, *, advise: bo
         advise: say which option helps.
 
     """
-    from semloc_core.graph import advice, all_numbers
+    from semloc_core.graph import advice
 
     if unknown:
         listed = ", ".join(f"{name} ({count})" for name, count in sorted(unknown.items()))
-        note(f"{where}: objects of classes that the labelspace lacks are not used: {listed}")
-        if advise and all_numbers(unknown):
-            note(f"{where}: it has numbers in place of class names: {advice(unknown)}")
+        helps = f"; {advice(unknown)}" if advise else ""
+        note(f"{where}: objects of classes that the labelspace lacks are not used: {listed}{helps}")
 
 
 def tell_numbers(space: Labelspace, reading: Reading) -> None:
@@ -76,4 +75,4 @@ def check_classes(graph: SceneGraph, space: Labelspace, where: str, *, allow_unk
             f"{known} of {total} in {where}, and of others {listed(unknown)}; {advice(unknown)}, "
             "--allow-unknown leaves them out)"
         )
-    report_unknown_classes(unknown, where, advise=False)
+    report_unknown_classes(unknown, where)
