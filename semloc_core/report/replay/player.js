@@ -7,7 +7,7 @@ const BLUE = "#0072B2", ORANGE = "#E69F00", GREEN = "#009E73", VERMILLION = "#D5
 const COLOURS = [BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILLION, "#F0E442"];
 const STATUS = { match: [BLUE, 1, "accepted"], ambiguous: [ORANGE, 0.66, "could be elsewhere"],
   unknown: ["#8C8C8C", 0.33, "nothing to go by, or not in this map"], no_graph: ["#8C8C8C", 0.1, "updates missing"] };
-const KIND = { match: "likely", rival: "rival", alike: "looks alike" };
+const KIND = { match: "listed", rival: "rival", alike: "looks alike" };
 
 async function unpacked() {
   const text = $("data").textContent.trim();
