@@ -135,7 +135,11 @@ def _print_buildings(facts: dict[str, Any]) -> None:
     table = _table("building", "places", "objects", "storeys", *axes, *(["merged"] if merged else []))
     for b in facts["buildings"]:
         ends = b["extent_m"]
-        extent = [f"{low:.1f} to {high:.1f}" for low, high in zip(*ends, strict=True)] if ends else ["", "", ""]
+        extent = (
+            [f"{round(low, 1) + 0.0} to {round(high, 1) + 0.0}" for low, high in zip(*ends, strict=True)]
+            if ends
+            else ["", "", ""]
+        )
         more = [str(b["traversals"])] if merged else []
         table.add_row(cut(b["name"]), str(b["places"]), str(b["objects"]), _storeys(b["storeys"]), *extent, *more)
     console.print()

@@ -133,12 +133,19 @@ def test_where_a_building_lies_is_said_so_that_a_point_in_it_can_be_named(semloc
     moved = json.loads(write_corridor(tmp_path / "home.json", ["chair", "couch", "bed"]).read_text())
     for node in moved["nodes"]:
         x, y, z = node["attributes"]["position"]
-        node["attributes"]["position"] = [x - 40.25, 2 * y + 7.0, z - 1.5]
+        node["attributes"]["position"] = [x - 40.25, 2 * y - 0.02, z - 1.5]
     far.write_text(json.dumps(moved))
     told = semloc("map", "info", built(semloc, tmp_path, far), "--json", tmp_path / "info.json")
-    extent = ["-40.2", "to", "-38.2", "7.0", "to", "7.0", "-1.5", "to", "-1.5"]
+    extent = ["-40.2", "to", "-38.2", "0.0", "to", "0.0", "-1.5", "to", "-1.5"]
     assert ["far", "3", "3", "1", *extent] in lines(told.out)
     row = json.loads((tmp_path / "info.json").read_text())["rows"][0]
-    assert [row[f"{axis}_{end}_m"] for axis in "xyz" for end in ("from", "to")] == [-40.25, -38.25, 7, 7, -1.5, -1.5]
+    assert [row[f"{axis}_{end}_m"] for axis in "xyz" for end in ("from", "to")] == [
+        -40.25,
+        -38.25,
+        -0.02,
+        -0.02,
+        -1.5,
+        -1.5,
+    ]
     asked = semloc("explain", tmp_path / "a.map", far, "--near", f"{row['x_from_m']},{row['y_from_m']}")
     assert asked.code == 0, asked.err
