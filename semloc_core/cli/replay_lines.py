@@ -93,7 +93,8 @@ def _line(answer: Answer, seconds: float) -> _Line:
         if answer.attributions is not None and answer.attributions.method != LAYOUT:
             why += f"  {answer.attributions.method}: {_most(answer.attributions)}"
     if not matches.matches:
-        return _Line(matches, f"{seconds:7.1f} s  {matches.status}", "")
+        reason = answer.located.query.reason if answer.located is not None else ""
+        return _Line(matches, f"{seconds:7.1f} s  {matches.status}{f'    {reason}' if reason else ''}", "")
     best = matches.matches[0]
     said = f"{best.map} {_at(best.position)} p={best.probability:.2f} s={best.similarity:.3f}"
     return _Line(matches, f"{seconds:7.1f} s  {matches.status:9s}  {said}", why)

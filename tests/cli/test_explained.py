@@ -215,8 +215,8 @@ def test_why_not_is_asked_of_what_decides_object_by_object(capsys) -> None:
     assert said[3:6] == [
         "BECAUSE  4.2 nats (layout, which decided): chair +4.2; attention: class 0 70%, class 1 30%",
         "UNLESS   no removal that was tried changes it",
-        "WHY NOT  office, place p0 at (20.00, 10.00, 1.00), probability 0.031: -2.2 nats, against 4.2 of office, "
-        "place p86",
+        "WHY NOT  office, place p0 at (20.00, 10.00, 1.00), 20.7 m from the answer, probability 0.031: -2.2 nats, "
+        "against 4.2 of office, place p86",
     ], "because and unless are of the answer, not of the place asked for"
     differing = ["saw chair o1: +0.0 at p0, +4.2 at p86 (as O3)", "did not see sofa m1, mapped at p0: -1.5"]
     differing.append("walked where the map has no room: -0.8 at p0, +0.0 at p86")

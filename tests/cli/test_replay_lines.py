@@ -3,6 +3,8 @@
 import msgspec
 
 from semloc_core.cli.replay_lines import Lines
+from semloc_core.encoding import Query
+from semloc_core.matching import Located
 from semloc_core.replay import Answer
 from semloc_core.sources.bag.cdr import StampedPoint
 from semloc_core.wire import Match, PlaceMatches
@@ -54,6 +56,16 @@ def test_wrong_answers_are_marked_and_right_ones_are_not() -> None:
     assert marks == [mark for *_, mark in cases[:6]]
     assert shown[1] == SAID.format(1) + cases[1][3]
     assert shown[6] == "    6.0 s  unknown"
+
+
+def test_an_answer_without_a_place_says_why() -> None:
+    shown: list[str] = []
+    lines = Lines(shown.append)
+    nothing = answer(0, "unknown", listed=False)
+    query = Query(0, 0, "q", reason="no object within 3 hops")
+    lines.answer(Answer(nothing.matches, None, None, Located(query, nothing.matches, None)))
+    lines.finish()
+    assert shown == ["    0.0 s  unknown    no object within 3 hops"]
 
 
 def test_an_answer_a_second_is_shown_in_order_whenever_the_truth_comes() -> None:

@@ -105,7 +105,8 @@ def test_from_graph_to_explained_answer(semloc, office, map_file, run, tmp_path)
         elsewhere = semloc("explain", map_file, office, "--query", place, "--methods", "layout", *words)
         assert elsewhere.code == 0, elsewhere.err
         assert re.search(
-            r"WHY NOT  office, place p\d+ at \(.*\), probability [01]\.\d{3}: -?\d+\.\d nats, against \d+\.\d of ",
+            r"WHY NOT  office, place p\d+ at \(.*\), \d+\.\d m from the answer, probability [01]\.\d{3}: "
+            r"-?\d+\.\d nats, against \d+\.\d of ",
             elsewhere.out,
         )
         assert elsewhere.out.startswith(answered.out), "all that is said of the answer, and why not there"

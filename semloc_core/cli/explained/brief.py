@@ -39,7 +39,7 @@ def print_brief(
     head("BECAUSE", "; ".join(_because(said) for said in _spoken(explanation.methods)) or "no object counted")
     head("UNLESS", would_change(explanation, matches))
     if other is not None:
-        print_why_not(other, NAMED)
+        print_why_not(other, NAMED, best)
 
 
 def _rivals(matches: PlaceMatches) -> str:

@@ -59,7 +59,7 @@ def print_explanation(
     else:
         head("WHY", f"{of}: no object counted")
     if explanation.why_not is not None:
-        print_why_not(explanation, None)
+        print_why_not(explanation, None, published.matches[0] if published is not None else None)
     print_what_if(order, explanation.counterfactual, explanation.without or without or [], published)
 
 

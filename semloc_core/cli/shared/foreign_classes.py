@@ -46,7 +46,9 @@ def report_unknown_classes(unknown: Mapping[str, int], where: str, *, advise: bo
 def tell_numbers(space: Labelspace, reading: Reading) -> None:
     """Say that all classes are numbers, where the person did not say what they mean."""
     if reading.said is None and space.classes and all(name.startswith("class_") for name in space.classes):
-        note("the graphs have numbers in place of class names; if you know which classes they are, use --labelspace")
+        from semloc_core.graph import advice
+
+        note(f"the graphs have numbers in place of class names: {advice(space.classes)}")
 
 
 def check_classes(graph: SceneGraph, space: Labelspace, where: str, *, allow_unknown: bool) -> None:
