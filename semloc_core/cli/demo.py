@@ -27,9 +27,9 @@ BEFORE = (
 )
 AFTER = (
     "What was to be seen: no match in the dark, where next to nothing is seen; lost where it is carried off, and found "
-    "again once it has seen what tells office and twin apart; and no match in the last building. That one is an office by "
-    "the same generator: the little seen of it fits several places of the map somewhat, so the answers are ambiguous. "
-    "They are unknown where it is likelier than not that the robot is in none of the map's buildings."
+    "again once it has seen what tells office and twin apart; and no match in the last building. That one is an office "
+    "by the same generator: the little seen of it fits several places of the map somewhat, so the answers are "
+    "ambiguous. They are unknown where it is likelier than not that the robot is in none of the map's buildings."
 )
 
 
