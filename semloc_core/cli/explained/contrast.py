@@ -13,12 +13,12 @@ LEAST = 0.05
 """Nats; what differs by less is not named."""
 
 
-def print_why_not(explanation: Explanation, most: int | None, best: Match | None = None) -> None:
+def print_why_not(explanation: Explanation, most: int | None, answer: Match | None = None) -> None:
     """Print why the explained place is not the answer.
 
     Args:
         explanation: of a place that is not the top match.
-        best: the top match, from which the place is so far.
+        answer: the top match, from which the place is so far.
         most: lines of objects at most; None: all that differ, and the contrast by similarity.
 
     """
@@ -29,8 +29,8 @@ def print_why_not(explanation: Explanation, most: int | None, best: Match | None
     top, here = place_of(other.map, other.place), place_of(explanation.match_map, explanation.match_place)
     if explanation.position is not None:
         here += f" at {point(explanation.position)}"
-    if explanation.position is not None and best is not None and best.map == explanation.match_map:
-        here += f", {math.dist(explanation.position, best.position):.1f} m from the answer"
+    if explanation.position is not None and answer is not None and answer.map == explanation.match_map:
+        here += f", {math.dist(explanation.position, answer.position):.1f} m from the answer"
     if explanation.probability is not None:
         here += f", probability {explanation.probability:.3f}"
     if other.evidence is not None:
