@@ -244,7 +244,7 @@ def test_what_is_not_named_of_a_difference_is_summed(capsys) -> None:
     assert said[0] == "office, place p0: 0.5 nats, against 26.6 of office, place p1"
     assert said[1] == "saw chair o0: +0.0 at p0, +7.3 at p1"
     # 0.5 - 26.6 = -26.1; named are -7.3, -5.7, -5.3 (+0.2 against +5.5) and -4.4
-    assert said[5:] == ["and 1 smaller differences, -3.4 together (--long)"]
+    assert said[5:] == ["and 1 smaller difference, -3.4 together (--long)"]
 
 
 def test_an_object_missed_at_both_places_is_one_line_and_none_where_it_costs_the_same(capsys) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from semloc_core.cli.explained.lines import head, line, place_of
-from semloc_core.cli.shared.screen import point
+from semloc_core.cli.shared.screen import many, point
 from semloc_core.graph import short_id
 from semloc_core.wire import Explanation, Match, ObjectAttribution, PlaceEvidence
 
@@ -43,7 +43,7 @@ def print_why_not(explanation: Explanation, most: int | None, answer: Match | No
         rest = _tenths(this.score) - _tenths(best.score) - shown
         hidden = 0 if most is None else max(len(lines) - most, 0)
         if hidden:
-            line(f"and {hidden} smaller differences, {rest / 10:+.1f} together (--long)")
+            line(f"and {many(hidden, 'smaller difference')}, {rest / 10:+.1f} together (--long)")
         elif rest:
             line(f"and what differs by less, or is lost in rounding, {rest / 10:+.1f} together")
         if most is not None:
