@@ -13,7 +13,7 @@ import msgspec
 import typer
 
 import semloc_core
-from semloc_core.cli.commands import app
+from semloc_core.cli.commands import HELP, app
 from semloc_core.config import LocaliserConfig, options
 from semloc_core.sources import SimulationConfig, StreamConfig
 from semloc_core.wire.messages import MESSAGES
@@ -81,8 +81,10 @@ def _option(option: Any) -> tuple[str, str, str]:
 
 def command_page() -> str:
     """`semloc COMMAND --help` of every command."""
+    ending = next(part for part in HELP.split("\n\n") if part.startswith("Exit status"))
     parts = [
-        "# Commands\n\nAs `semloc COMMAND --help` has them. Every `--json FILE` writes the figures that are printed.\n"
+        "# Commands\n\nAs `semloc COMMAND --help` has them. Every `--json FILE` writes the figures that are printed.\n",
+        f"{ending.rstrip()}\n",
     ]
     for path, command in commands():
         named = [one for one in command.params if one.param_type_name == "argument"]

@@ -21,6 +21,18 @@ WRITTEN_OF_DATA = {MAP_FILE: MAP, RUN: BAG}
 """What is put into the folder, and of which kind it is; the second where a building is given."""
 
 
+BEFORE = (
+    "All simulated: a generated office, its twin with half of its furniture, and a run that starts in the dark, is "
+    "carried elsewhere, then into the twin, and ends in a building that is not in the map."
+)
+AFTER = (
+    "What was to be seen: no match in the dark, where next to nothing is seen; lost where it is carried off, and found "
+    "again once it has seen what tells office and twin apart; and no match in the last building. That one is an office "
+    "by the same generator: the little seen of it fits several places of the map somewhat, so the answers are "
+    "ambiguous. They are unknown where it is likelier than not that the robot is in none of the map's buildings."
+)
+
+
 class Folder(Writes):
     """The folder, and what is put into it."""
 
@@ -49,10 +61,7 @@ def demo(
     map_, bag = str(FILES / "demo.map"), str(FILES / "demo_run.mcap")
     made: list[list[str]] = []
     if data is None:
-        console.print(
-            "All simulated: a generated office, its twin with half of its furniture, and a run that starts in the "
-            "dark, is carried elsewhere, then into the twin, and ends in a building that is not in the map."
-        )
+        console.print(BEFORE)
     else:
         console.print(
             f"A walk through {data}: the building is real, the walk and what the robot sees are simulated.",
@@ -67,4 +76,6 @@ def demo(
     for words in made:
         if status := run([*words, *(["--force"] if force else [])]):
             raise typer.Exit(status)
+    if data is None:
+        console.print(f"\n{AFTER}")
     console.print(f"\nWatch it think, in a browser: {page}", markup=False)

@@ -92,7 +92,8 @@ def explain(
     check_asked(chosen or [])
     if near is not None and query is not None:
         raise ConfigError("expected --query or --near (got both)")
-    if sum(option is not None for option in (place, place_near, rival)) > 1:
+    elsewhere = sum(option is not None for option in (place, place_near, rival))
+    if elsewhere > 1:
         raise ConfigError("expected one of --place, --place-near and --rival (got more)")
     at = None if near is None else _Point.of("--near", near)
     place_at = None if place_near is None else _Point.of("--place-near", place_near)
@@ -101,31 +102,36 @@ def explain(
         _nearest_mapped(loaded, building or loaded.buildings[0], place_at, within)  # or refuse before the long work
     graph = read_graph_or_run(source, reading_for(loaded, labelspace, synonyms, topic, robot))
     unknown = count_unknown(graph, loaded.model.labelspace)
-    report_unknown_classes(unknown, str(source), advise=False)
+    nothing = all_unknown((thing.class_ for thing in graph.objects.values()), loaded.model.labelspace)
+    report_unknown_classes(unknown, str(source), advise=not nothing)
     query, said = _query_place(graph, query, at, within)
     localiser = Localiser(loaded)
     result = localiser.update(graph.to_update(seq=0, stamp_ns=0, frame_id="query", query_place=query))
     assert result.located is not None
     matches = result.located.matches
     asked = f"asked: place {short_id(query)} at {point(graph.places[query])} of {source.name}{said}"
-    row, explanation = None, None
+    explanation, other = None, None
     if result.located.query.encoded is not None:  # what was asked wrongly is said before anything is printed
         row = _map_row(result.located, building, place, place_at, rival, within)
         chosen = asked_methods(result.located, chosen)
-        explanation = explain_pair(result.located, row, methods=chosen)
-    elif place is not None or place_near is not None or rival is not None:
+        assert result.located.best_row is not None
+        explanation = explain_pair(result.located, result.located.best_row, methods=chosen)
+        if row != result.located.best_row:
+            other = explain_pair(result.located, row, methods=chosen)
+        elif elsewhere:
+            other = explanation
+    elif elsewhere:
         raise ConfigError(f"expected a query place that can be embedded (got {query}: {result.located.query.reason})")
     reason = result.located.query.reason
-    nothing = all_unknown((thing.class_ for thing in graph.objects.values()), loaded.model.labelspace)
     if nothing and unknown:
         reason = f"{nothing}; {advice(unknown)}"
     if long:
         print_answer(matches, asked, reason)
         if explanation is not None:
-            print_explanation(explanation, matches.matches[0].probability if matches.matches else None)
+            print_explanation(other or explanation, matches, explanation.without)
     else:
-        print_brief(matches, asked, reason, explanation)
-    said_of = (matches, result.evidence, result.attributions, explanation)
+        print_brief(matches, asked, reason, explanation, other)
+    said_of = (matches, result.evidence, result.attributions, explanation, None if other is explanation else other)
     parts = [wire.encode(message) for message in said_of if message is not None]
     if json_file is not None:
         write_whole(json_file, b"[" + b",".join(parts) + b"]\n")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
@@ -27,12 +26,10 @@ from semloc_core.cli.shared.outputs import Writes, output_option
 from semloc_core.cli.shared.words import within
 from semloc_core.config import LocaliserConfig, checked, options
 from semloc_core.files import BAG, TRAJECTORY
-from semloc_core.text import percent
 
 if TYPE_CHECKING:
     from semloc_core.localiser import Localiser
     from semloc_core.replay import ReplaySummary
-    from semloc_core.wire import ClassAttributions
 
 _HELP = {option.name: option.description for option in options(LocaliserConfig)}
 _DEFAULT = LocaliserConfig()
@@ -91,8 +88,9 @@ def replay(
 ) -> None:
     """Localise along a recorded run: the node's work without ROS, the same bytes from run to run.
 
-    Prints an answer a second of the run, then a table: success within 4 m by distance travelled, where the run brings
-    its ground truth, and latency. A map's server that stops answering is waited for, a minute at most.
+    Prints an answer a second of the run, those that are wrong marked, then a table: success within 4 m by distance
+    travelled, where the run brings its ground truth, and latency. A map's server that stops answering is waited for, a
+    minute at most.
     """
     config = checked(
         LocaliserConfig,
@@ -108,23 +106,15 @@ def replay(
     )
     import torch
 
+    from semloc_core.cli.replay_lines import Lines
     from semloc_core.cli.replay_table import print_summary
     from semloc_core.fleet import open_localiser
     from semloc_core.graph import advice
-    from semloc_core.replay import Answer
     from semloc_core.replay import replay as run_replay
     from semloc_core.wire import TumWriter
 
     torch.set_num_threads(1)
-    shown_ns: list[int] = []
-
-    def on_answer(answer: Answer) -> None:
-        stamp = answer.matches.stamp_ns
-        if quiet or (shown_ns and 0 <= stamp - shown_ns[-1] < 1_000_000_000):
-            return
-        shown_ns[:] = [shown_ns[0] if shown_ns else stamp, stamp]
-        console.print(_line(answer, (stamp - shown_ns[0]) / 1e9))
-
+    lines = Lines(console.print)
     localiser = open_localiser(map_, config, outage_s=OUTAGE_S)
     writer = TumWriter(tum, localiser.buildings) if tum is not None else None
     try:
@@ -139,13 +129,15 @@ def replay(
                 truth_tolerance_s=truth_tolerance,
                 results=output,
                 tum=writer,
-                on_answer=on_answer,
+                on_answer=None if quiet else lines.answer,
+                on_scored=None if quiet else lines.scored,
             )
     finally:
+        lines.finish()
         localiser.close()
     labels = localiser.live.labels
     tell(run, labels.told() if labels is not None else [])
-    report_unknown_classes(summary.unknown_classes, str(run), advise=False)
+    report_unknown_classes(summary.unknown_classes, str(run), advise=not summary.all_unknown)
     if summary.all_unknown:
         note(f"{run}: {summary.all_unknown}; {advice(summary.unknown_classes)}")
     for line in summary.said:
@@ -188,29 +180,3 @@ def _tell_scoring(summary: ReplaySummary, localiser: Localiser) -> None:
     elif not summary.rows:
         why = f"{summary.truths} poses, none near an answer" if summary.truths else "none in the run"
         note(f"no ground truth to score with ({why})")
-
-
-def _line(answer: object, seconds: float) -> str:
-    from semloc_core.explain import LAYOUT
-    from semloc_core.replay import Answer
-
-    assert isinstance(answer, Answer)
-    matches, why = answer.matches, ""
-    if matches.status != "unknown":
-        if answer.evidence is not None:
-            why = f"  because {_most(answer.evidence)}"
-        if answer.attributions is not None and answer.attributions.method != LAYOUT:
-            why += f"  {answer.attributions.method}: {_most(answer.attributions)}"
-    if not matches.matches:
-        return f"{seconds:7.1f} s  {matches.status}"
-    best = matches.matches[0]
-    x, y, z = best.position
-    return (
-        f"{seconds:7.1f} s  {matches.status:9s}  {best.map} ({x:.1f}, {y:.1f}, {z:.1f}) "
-        f"p={best.probability:.2f} s={best.similarity:.3f}{why}"
-    )
-
-
-def _most(said: ClassAttributions) -> str:
-    named = [of for of in said.classes[:4] if of.share >= 0.005]
-    return ", ".join(f"{of.class_} {percent(math.copysign(of.share, of.score))}" for of in named)

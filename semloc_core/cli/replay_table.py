@@ -17,7 +17,7 @@ MEASURES = {
     "accepted": "accepted (match)",
     "precision": "right of accepted",
     "wrong_storey": "wrong storey (match)",
-    "error_m": "error (m), median",
+    "error_m": "place: distance off (m), median",
     "position_error_m": "pose: position error (m), median",
     "position_error_m_p90": "pose: position error (m), 90 %",
     "heading_error_deg": "pose: heading error (°), median",
@@ -26,6 +26,7 @@ MEASURES = {
     "coverage": "pose: 95 % region holds truth",
 }
 """Figure of a row -> what it is called on screen, in this order."""
+ERRORS = "the mapped place that is named, and where the robot is said to stand: errors of right answers"
 _STARTS = [f"{start:g}m" for start in FROM_METRES]
 
 
@@ -50,6 +51,8 @@ def print_summary(title: str, summary: ReplaySummary, console: Console) -> None:
     answers = sum(summary.statuses.values())
     counts = summary.statuses.most_common()
     statuses = ", ".join(f"{count} {name} ({percent(count / answers)})" for name, count in counts)
+    if summary.rows:
+        console.print(f"{'place, pose':18s} {ERRORS}", markup=False)
     for name, text in (
         ("status", f"{statuses or 'no answer'}, of {many(summary.updates, 'update')}"),
         ("probability", _calibrated(summary)),

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 import torch
 
+from semloc_core.config import LocaliserConfig
 from semloc_core.encoding import PerturbedEncoder
 from semloc_core.errors import ConfigError, GraphError, MapError, SemlocError
 from semloc_core.explain.counterfactual import counterfactual, why_not
@@ -17,19 +18,23 @@ from semloc_core.explain.layout_scores import LAYOUT, layout_attributions
 from semloc_core.explain.similarity import SimilarityQuery
 from semloc_core.explain.without_class import without_classes
 from semloc_core.map_database import LoadedMap
-from semloc_core.matching import Evidence, Located, evidence_at, verifier_of
+from semloc_core.matching import Evidence, Located, confidence, evidence_at, verifier_of
 from semloc_core.wire import ExplainRequest, Explanation, PlaceEvidence
 
+ACCEPT_PROBABILITY = LocaliserConfig().accept_probability
 SEED = 0
 """Explainers that sample start from it at every request, so that the same question has the same answer."""
 
 
-def answer_query(located: Located, request: ExplainRequest) -> Explanation:
+def answer_query(
+    located: Located, request: ExplainRequest, accept_probability: float = ACCEPT_PROBABILITY
+) -> Explanation:
     """Answer a request on an answer: needs no graph, so any process can do it; what can't be said is in ``error``.
 
     Args:
         located: the answer for the place asked about (`semloc_core.localiser.Localiser.ask`).
         request: its place, building and methods count.
+        accept_probability: the localiser's option.
 
     """
     try:
@@ -40,6 +45,7 @@ def answer_query(located: Located, request: ExplainRequest) -> Explanation:
             methods=request.methods,
             stamp_ns=request.stamp_ns,
             seq=request.seq,
+            accept_probability=accept_probability,
         )
     except SemlocError as error:
         return Explanation(
@@ -135,6 +141,28 @@ def place_evidence(loaded: LoadedMap, evidence: Evidence) -> PlaceEvidence:
     )
 
 
+def probability_of(located: Located, row: int) -> float | None:
+    """P(a place of the map is right) as an answer has it: of one that it does not list, by what came of the test.
+
+    Neither a filter nor a hint has a say in that. None for an answer that was not put to the test.
+    """
+    matches, loaded = located.matches, located.map
+    for match in (*matches.matches, *matches.rivals):
+        if loaded.row(match.map, match.place) == row:
+            return match.probability
+    verifier, encoded = verifier_of(loaded), located.query.encoded
+    if located.evidence is None or verifier is None or encoded is None:
+        return None
+    fragment = located.evidence.fragment
+    found = verifier.verify(fragment, loaded.index.everywhere(encoded.embedding[0].numpy(), 1)[2])
+    if found is None:
+        return 0.0
+    # Places that can't be right together share what there is: all that were tested are asked beside it.
+    beside = np.array([*(other for other in found.rows.tolist() if other != row), row], dtype=np.int64)
+    answers = confidence(found, fragment, verifier.mapped).answers
+    return float(answers.probability(verifier.mapped, beside)[-1])
+
+
 def explain_pair(
     located: Located,
     row: int,
@@ -143,6 +171,7 @@ def explain_pair(
     stamp_ns: int = 0,
     seq: int = 0,
     seed: int = SEED,
+    accept_probability: float = ACCEPT_PROBABILITY,
 ) -> Explanation:
     """Explain a query and a place of the map by several methods, with a counterfactual and a contrast to the top match.
 
@@ -158,6 +187,7 @@ def explain_pair(
         stamp_ns: of the message, nanoseconds.
         seq: of the message.
         seed: of explainers that sample; each starts from it, so that a method says the same whoever is asked beside it.
+        accept_probability: the localiser's option: from which on an answer is a ``match``.
 
     Raises:
         ConfigError: no such explainer, or ``layout`` of an answer that was not put to the test.
@@ -184,6 +214,7 @@ def explain_pair(
     if contrast is not None and evidence is not None and located.evidence is not None:
         both = [place_evidence(loaded, of) for of in (evidence, located.evidence)]
         contrast = msgspec.structs.replace(contrast, evidence=both)
+    published = evidence is not None and evidence is located.evidence
     return Explanation(
         schema="semloc/explanation/1",
         stamp_ns=stamp_ns,
@@ -196,5 +227,7 @@ def explain_pair(
         methods=said,
         counterfactual=counterfactual(loaded, perturbed, names, z),
         why_not=contrast,
-        without=without_classes(located, perturbed) if evidence is not None and evidence is located.evidence else None,
+        without=without_classes(located, perturbed, accept_probability) if published else None,
+        position=tuple(loaded.positions[row].tolist()),
+        probability=probability_of(located, row),
     )

@@ -8,14 +8,16 @@ import torch
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.encoding import PerturbedEncoder
 from semloc_core.explain.layout_scores import layout_attributions
-from semloc_core.matching import LayoutVerifier, Located, confidence, verifier_of
+from semloc_core.matching import IN_MAP, LayoutVerifier, Located, confidence, verifier_of
 from semloc_core.wire import WithoutClass
 
 MOST = 8
 """Classes asked about: each costs as much as an answer."""
 
 
-def without_classes(located: Located, perturbed: PerturbedEncoder, most: int = MOST) -> list[WithoutClass]:
+def without_classes(
+    located: Located, perturbed: PerturbedEncoder, accept_probability: float, most: int = MOST
+) -> list[WithoutClass]:
     """Take away one class after another, and answer by similarity and layout.
 
     A filter has no say: what it would have made of an update without the class depends on all updates before.
@@ -23,6 +25,7 @@ def without_classes(located: Located, perturbed: PerturbedEncoder, most: int = M
     Args:
         located: an answer that was put to the test.
         perturbed: embeds variants of its query.
+        accept_probability: from which on an answer is a ``match``.
         most: classes; those seen whose share in the test is largest.
 
     Returns:
@@ -34,10 +37,12 @@ def without_classes(located: Located, perturbed: PerturbedEncoder, most: int = M
     assert located.evidence is not None, "expected an answer that was put to the test"
     said = layout_attributions(located.evidence, names).classes
     seen = [of.class_ for of in said if of.instances and of.class_ in names][:most]
-    return [_without(located, perturbed, verifier, names.index(name)) for name in seen]
+    return [_without(located, perturbed, verifier, names.index(name), accept_probability) for name in seen]
 
 
-def _without(located: Located, perturbed: PerturbedEncoder, verifier: LayoutVerifier, class_: int) -> WithoutClass:
+def _without(
+    located: Located, perturbed: PerturbedEncoder, verifier: LayoutVerifier, class_: int, accept: float
+) -> WithoutClass:
     loaded, evidence, labelspace = located.map, located.evidence, located.map.model.labelspace
     assert evidence is not None
     fragment = evidence.fragment.without(class_)
@@ -46,16 +51,17 @@ def _without(located: Located, perturbed: PerturbedEncoder, verifier: LayoutVeri
     found = verifier.verify(fragment, loaded.index.everywhere(z, 1)[2])
     name = labelspace.classes[class_]
     if found is None:
-        return WithoutClass(class_=name, map=None, place=None, probability=0.0, same=False)
+        return WithoutClass(class_=name, map=None, place=None, probability=0.0, same=False, status="unknown")
     sure = confidence(found, fragment, verifier.mapped)
     first = int(sure.order[0])
     row = int(found.rows[first])
     off = np.linalg.norm(loaded.positions[row] - loaded.positions[evidence.row])
-    on = loaded.storey_index
+    on, probability = loaded.storey_index, float(sure.probability[first])
     return WithoutClass(
         class_=name,
         map=loaded.buildings[int(loaded.building_index[row])],
         place=loaded.place_ids[row],
-        probability=float(sure.probability[first]),
+        probability=probability,
         same=bool(on[row] == on[evidence.row] and off <= MATCH_RADIUS_M),
+        status="match" if probability >= accept else "ambiguous" if sure.in_map >= IN_MAP else "unknown",
     )

@@ -59,11 +59,14 @@ def describe_map(map_: ReadableMap, meta: MapMeta, model: Model) -> dict[str, An
 
 
 def _building(stored: StoredBuilding, places: PlaceRows, space: Labelspace) -> dict[str, Any]:
-    """What is known of one building; of its storeys, from the lowest up, how many places at what median height."""
+    """What is known of one building; of its storeys, from the lowest up, how many places at what median height.
+
+    ``extent_m``: of its places, in its frame: [x, y, z] from, [x, y, z] to; null where it has none.
+    """
     history, graph = unpack_history(stored.history), read_graph(unpack_graph(stored.graph), space)
     classes = Counter(item.class_ for item in graph.objects.values())
     on = np.array(stored.storeys if stored.storeys is not None else derived_storeys(stored.graph, places.ids))
-    height = places.positions[:, 2]
+    at = places.positions
     return {
         "name": stored.name,
         "source": stored.source,
@@ -71,11 +74,12 @@ def _building(stored: StoredBuilding, places: PlaceRows, space: Labelspace) -> d
         "stamp_ns": stored.stamp_ns,
         "places": stored.n_places,
         "objects": len(graph.objects),
+        "extent_m": np.round([at.min(axis=0), at.max(axis=0)], 2).tolist() if len(at) else None,
         "traversals": len(history.traversals),
         "moved": move_rates([history.classes], history.classes),
         "classes": dict(sorted(classes.items(), key=lambda item: (-item[1], item[0]))),
         "storeys": [
-            {"places": int((on == k).sum()), "height_m": round(float(np.median(height[on == k])), 2)}
+            {"places": int((on == k).sum()), "height_m": round(float(np.median(at[on == k, 2])), 2)}
             for k in np.unique(on).tolist()
         ],
     }

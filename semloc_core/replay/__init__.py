@@ -10,6 +10,7 @@ if TYPE_CHECKING:
         MATCHES_TOPIC,
         Answer,
         ReplaySummary,
+        Scored,
         replay,
         score_results,
     )
@@ -18,6 +19,6 @@ else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "ATTRIBUTIONS_TOPIC", "Answer", "FROM_METRES", "LatencyHistogram", "MATCHES_TOPIC", "ReplaySummary",
+    "ATTRIBUTIONS_TOPIC", "Answer", "FROM_METRES", "LatencyHistogram", "MATCHES_TOPIC", "ReplaySummary", "Scored",
     "TraversalScore", "replay", "score_results",
 ]  # fmt: skip

@@ -49,6 +49,10 @@ ATTRIBUTIONS_TOPIC = "/localiser/attributions"
 EVIDENCE_TOPIC = "/localiser/evidence"
 
 
+Scored = Callable[[wire.PlaceMatches, Truth | None, bool | None], None]
+"""Takes an answer, where the robot truly was, and whether the first match is right; None where that is not known."""
+
+
 @short_repr
 @dataclass(frozen=True, eq=False)
 class Answer:
@@ -110,6 +114,7 @@ def replay(
     tum: TumWriter | None = None,
     on_answer: Callable[[Answer], None] | None = None,
     on_truth: Callable[[Truth], None] | None = None,
+    on_scored: Scored | None = None,
 ) -> ReplaySummary:
     """Localise along a recorded run.
 
@@ -123,6 +128,7 @@ def replay(
         tum: takes poses and the ground truth too.
         on_answer: called with each answer.
         on_truth: called with each true pose.
+        on_scored: called with each answer, in order, as soon as its true pose is known or none is to be expected.
 
     Raises:
         BagError: the run can't be read, or has no updates.
@@ -142,7 +148,7 @@ def replay(
         for message in recorded:
             if message.text is None:
                 assert message.truth is not None
-                _score(score, matcher.truth(message.truth))
+                _score(score, matcher.truth(message.truth), on_scored)
                 if on_truth is not None:
                     on_truth(message.truth)
                 summary.truth_frames.add(message.truth.frame_id)
@@ -162,7 +168,9 @@ def replay(
             summary.statuses[answer.matches.status] += 1
             summary.listed += bool(answer.matches.matches)
             summary.calibrated += bool(answer.matches.matches) and answer.matches.calibrated
-            _score(score, matcher.item(answer.matches.stamp_ns, answer.matches))
+            if on_answer is not None:
+                on_answer(answer)
+            _score(score, matcher.item(answer.matches.stamp_ns, answer.matches), on_scored)
             if writer is not None:
                 writer.write_string(MATCHES_TOPIC, message.received_ns, wire.encode(answer.matches).decode())
                 if (pose := _pose(answer.matches, localiser.live.odometry)) is not None:
@@ -172,11 +180,9 @@ def replay(
                         writer.write_string(name, message.received_ns, wire.encode(why).decode())
             if tum is not None:
                 tum.answer(answer.matches)
-            if on_answer is not None:
-                on_answer(answer)
     if summary.updates == 0:
         raise BagError(f"expected scene-graph updates in {run} (got none{_of(recorded.topic)})")
-    _score(score, matcher.rest())
+    _score(score, matcher.rest(), on_scored)
     summary.truths, summary.matched, summary.truth_apart_ns = matcher.seen, matcher.matched, matcher.largest_ns
     summary.counts.update(recorded.passed_over)
     summary.counts.update(localiser.live.stream.counts)
@@ -203,12 +209,21 @@ def _pose(matches: wire.PlaceMatches, odometry: wire.Odometry | None) -> bytes |
     return encode_pose_with_covariance(matches.stamp_ns, matches.frame_id, pose.position, turn, covariance)
 
 
-def _score(score: TraversalScore, due: Iterator[tuple[wire.PlaceMatches, Truth | None]]) -> None:
+def _score(
+    score: TraversalScore,
+    due: Iterator[tuple[wire.PlaceMatches, Truth | None]],
+    on_scored: Scored | None = None,
+) -> None:
     for matches, truth in due:
+        right = None
         if truth is not None:
             orientation = getattr(truth, "orientation_xyzw", None)
             yaw = None if orientation is None else yaw_of(orientation)
+            building = score.building_of(truth.frame_id)
             score.add(matches, truth.position, truth.frame_id, yaw)
+            right = None if building is None else any(score.right(matches, building, truth.position)[:1])
+        if on_scored is not None:
+            on_scored(matches, truth, right)
 
 
 def _localise(localiser: Localiser, text: str, received_ns: int, counts: Counter[str]) -> Answer | None:

@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     from semloc_core.report.growth_figure import growth_picture
     from semloc_core.report.introspection.page import introspection_page
     from semloc_core.report.kept_page import keep, kept
-    from semloc_core.report.replay.data import ReplayData, has_answers, read_results
+    from semloc_core.report.replay.data import has_answers, read_results
+    from semloc_core.report.replay.gathering import ReplayData
     from semloc_core.report.replay.live import Feed, served
     from semloc_core.report.replay.page import live_page, replay_page
     from semloc_core.report.replay.picture import answer_picture

@@ -14,7 +14,7 @@ from semloc_core.report.drawing import bare, figure, points, shown
 from semloc_core.report.floor_plan import Plan, draw_building
 
 MARGIN_M = 4.0
-"""Shown around the objects of a failure."""
+"""Shown around the objects of a failure, and the robot."""
 
 
 def reliability_figure(curves: Mapping[str, Sequence[tuple[float, float, float, float, float]]]) -> Figure:
@@ -96,10 +96,10 @@ def failure_figure(
     looks = ClassLooks(labelspace, names)
     with figure(5.4, 9.6) as drawn:
         left, right = drawn.subplots(1, 2)
-        _laid(left, here, seen_here, looks, f"where the robot is: {here.name}")
+        _laid(left, here, seen_here, looks, f"where the robot is: {here.name}", truth)
         left.plot(*np.asarray(path, dtype=np.float64).T, color=INK, linewidth=2.0, label="the robot's path", zorder=2.5)
         left.plot(*np.asarray(truth), "o", ms=9, color="white", mec=INK, mew=2.2, ls="", label="the robot", zorder=6)
-        _laid(right, there, seen_there, looks, f"where it was put: {there.name}")
+        _laid(right, there, seen_there, looks, f"where it was put: {there.name}", answer)
         right.plot(*np.asarray(answer), "*", ms=19, color=WRONG, mec=INK, ls="", label="the answer", zorder=6)
         found = dict(
             item for axes in (left, right) for item in zip(*reversed(axes.get_legend_handles_labels()), strict=True)
@@ -108,7 +108,9 @@ def failure_figure(
     return drawn
 
 
-def _laid(axes: Axes, plan: Plan, seen: Mapping[str, ArrayLike], looks: ClassLooks, title: str) -> None:
+def _laid(
+    axes: Axes, plan: Plan, seen: Mapping[str, ArrayLike], looks: ClassLooks, title: str, robot: ArrayLike
+) -> None:
     draw_building(axes, plan)
     axes.set_title(title, loc="left")
     for name in looks.own:
@@ -127,7 +129,7 @@ def _laid(axes: Axes, plan: Plan, seen: Mapping[str, ArrayLike], looks: ClassLoo
         others = np.concatenate([points(seen[name]) for name in looks.rest])
         x, y = others.T
         axes.scatter(x, y, s=16, color=OTHER_STYLE.colour, zorder=3, label=OTHER)
-    every = np.concatenate([points(each) for each in seen.values()])
+    every = np.concatenate([points(robot), *(points(each) for each in seen.values())])
     low, high = every.min(axis=0) - MARGIN_M, every.max(axis=0) + MARGIN_M
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])

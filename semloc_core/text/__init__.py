@@ -6,8 +6,8 @@ from semloc_core.exports import exports
 
 if TYPE_CHECKING:
     from semloc_core.text.representation import short_repr
-    from semloc_core.text.shares import percent
+    from semloc_core.text.shares import percent, summing
 else:
     __getattr__ = exports(__name__)
 
-__all__ = ["percent", "short_repr"]
+__all__ = ["percent", "short_repr", "summing"]

@@ -296,8 +296,8 @@ class WhyNot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class WithoutClass(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"class_": "class"}):
     """The answer if the robot had seen no object of a class: the best place then, and how sure it would be.
 
-    ``same``: that place is the published one, or within 4 m of it. Where nothing would be left to go by, ``map`` and
-    ``place`` are null and ``probability`` is 0.
+    ``same``: that place is the published one, or within 4 m of it; ``status`` is the answer's then. Where nothing would
+    be left to go by, ``map`` and ``place`` are null and ``probability`` is 0.
     """
 
     class_: Name
@@ -305,15 +305,18 @@ class WithoutClass(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rena
     place: Name | None
     probability: Fraction
     same: bool
+    status: Status | None = None
 
 
 class Explanation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Out: the answer to an ``explain_request``, with its ``seq``: every method on one query–place pair.
 
-    ``similarity`` is the pair's. ``counterfactual`` is null where it was not computed, ``why_not`` also where the
-    explained place is the top match. ``without`` asks the whole question again, similarity and test by layout, without
-    one class after another, those that count most in the test first; null where the explained place was not put to that
-    test. ``error`` is one line where the request can't be answered, else null.
+    ``similarity`` is the pair's, ``position`` the explained place's in its building's frame, and ``probability`` the
+    answer's of it: of a place that it does not list, what the test by layout makes of it, null where there was none.
+    ``counterfactual`` is null where it was not computed, ``why_not`` also where the explained place is the top match.
+    ``without`` asks the whole question again, similarity and test by layout, without one class after another, those
+    that count most in the test first; null where the explained place was not put to that test. ``error`` is one line
+    where the request can't be answered, else null.
     """
 
     schema: Literal["semloc/explanation/1"]
@@ -329,6 +332,8 @@ class Explanation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     why_not: WhyNot | None = None
     without: list[WithoutClass] | None = None
     error: str | None = None
+    position: Position | None = None
+    probability: Fraction | None = None
 
 
 MESSAGES: dict[str, type[msgspec.Struct]] = {

@@ -69,7 +69,7 @@ def reply_to(question: Question, loaded: LoadedMap) -> Reply:
         if question.request is None:
             message = explain_answer(located, question.config)
         else:
-            message = answer_query(located, question.request)
+            message = answer_query(located, question.request, question.config.accept_probability)
         return Reply(question.number, message, wire.encode(message).decode())
     except SemlocError as error:
         return Reply(question.number, error=str(error))

@@ -5,6 +5,10 @@ from pathlib import Path
 import pytest
 
 from semloc_core.cli import commands
+from semloc_core.cli.demo import AFTER, FILES
+from semloc_core.config import LocaliserConfig
+from semloc_core.map_database import load
+from semloc_core.replay import replay
 
 
 @pytest.mark.parametrize("force", [False, True])
@@ -27,6 +31,31 @@ def test_the_shipped_run_is_replayed_and_drawn(semloc, monkeypatch, tmp_path, fo
     assert all(path.stat().st_size > 100_000 for path in shipped)
     assert all(("--force" in words) is force for words in asked)
     assert str(tmp_path / "shown" / "report.html") in said.out
+    assert AFTER in said.out
+
+
+def test_the_shipped_run_is_what_is_said_of_it() -> None:
+    answers: list[tuple[str, str | None, bool | None, str]] = []
+
+    def scored(matches, truth, right) -> None:
+        best = matches.matches[0].map if matches.matches else ""
+        answers.append((matches.status, truth.frame_id if truth else None, right, best))
+
+    config = LocaliserConfig(explain_rate_hz=0)
+    replay(FILES / "demo_run.mcap", load(FILES / "demo.map"), config, on_scored=scored)
+    frames = [frame for _, frame, _, _ in answers]
+    assert list(dict.fromkeys(frames)) == ["office", "twin", "foreign"]
+    found = [status for status, *_ in answers].index("match")
+    assert frames[found] == "office"
+    assert found >= 20, "in the dark, ten seconds"
+    wrong = [(frame, best) for status, frame, right, best in answers if status == "match" and not right]
+    assert set(wrong) <= {("office", "twin"), ("twin", "office")}
+    twin = frames.index("twin")
+    assert answers[twin][0] != "match"
+    assert "match" in {status for status, frame, _, _ in answers if frame == "twin"}, "carried off, and found again"
+    last = [status for status, frame, _, _ in answers if frame == "foreign"]
+    assert "match" not in last
+    assert last.count("ambiguous") > len(last) / 2
 
 
 def test_what_goes_wrong_ends_it(semloc, monkeypatch, tmp_path) -> None:

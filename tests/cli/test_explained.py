@@ -1,5 +1,6 @@
 """What `semloc explain` prints: which place is meant, how far it is, and every fact in its part."""
 
+import msgspec
 import pytest
 
 from semloc_core.cli.explain import _nearest, _Point
@@ -166,7 +167,7 @@ def test_why_not_and_what_if_keep_what_is_known(capsys) -> None:
         )
     )
     out = capsys.readouterr().out
-    assert "WHY NOT  office, place p0 is number 7, behind office, place p9\n" in out
+    assert "WHY NOT  office, place p0: number 7, behind office, place p9\n" in out
     assert "similarity 0.9000 here, 0.4000 there" in out
     assert "+0.2500  chair: for this place" in out
     assert "-0.1250  couch: for the top match" in out
@@ -188,9 +189,17 @@ def evidence(place: str, chair: float, as_: str | None, missed: float, walls: fl
     )
 
 
+def layout(**scores: float) -> MethodAttributions:
+    total = sum(abs(score) for score in scores.values())
+    said = [ClassAttribution(name, score, abs(score) / total, 2) for name, score in scores.items()]
+    return MethodAttributions("layout", said, [], None, 0.0)
+
+
 def test_why_not_is_asked_of_what_decides_object_by_object(capsys) -> None:
     asked = explanation(
         method("layout", None, 1.0),
+        position=(20.0, 10.0, 1.0),
+        probability=0.0312,
         why_not=WhyNot(
             "office",
             LONG_ID,
@@ -200,55 +209,141 @@ def test_why_not_is_asked_of_what_decides_object_by_object(capsys) -> None:
             evidence=[evidence("p0", 0.0, None, -1.5, -0.75), evidence(LONG_ID, 4.25, str(ord("O") << 56 | 3), 0.0)],
         ),
     )
-    print_brief(answer(), "asked: place q", "", asked)
-    out = capsys.readouterr().out
-    assert "BECAUSE  chair +4.2 nats (layout, which decided)\n" in out, "of the answer, not of the place asked for"
-    lines = out.split("WHY NOT  ")[1].splitlines()
-    assert lines[0] == "office, place p0: -2.2 nats, against 4.2 of office, place p86"
-    assert [line.strip() for line in lines[1:]] == [
-        "saw chair o1: +0.0 at p0, +4.2 at p86 (as O3)",
-        "did not see sofa m1, mapped at p0: -1.5",
-        "walked where the map has no room: -0.8 at p0, +0.0 at p86",
-    ]
+    answered = explanation(layout(chair=4.25), method("attention", None, 0.7, 0.3), without=[])
+    print_brief(answer(), "asked: place q", "", answered, asked)
+    said = capsys.readouterr().out.splitlines()
+    assert said[3:6] == [
+        "BECAUSE  4.2 nats (layout, which decided): chair +4.2; attention: class 0 70%, class 1 30%",
+        "UNLESS   no removal that was tried changes it",
+        "WHY NOT  office, place p0 at (20.00, 10.00, 1.00), 20.7 m from the answer, probability 0.031: -2.2 nats, "
+        "against 4.2 of office, place p86",
+    ], "because and unless are of the answer, not of the place asked for"
+    differing = ["saw chair o1: +0.0 at p0, +4.2 at p86 (as O3)", "did not see sofa m1, mapped at p0: -1.5"]
+    differing.append("walked where the map has no room: -0.8 at p0, +0.0 at p86")
+    assert [line.strip() for line in said[6:]] == [
+        *differing,
+        "and what differs by less, or is lost in rounding, +0.1 together",
+    ], "-4.2 - 1.5 - 0.8 + 0.1 is -2.2 - 4.2"
     print_explanation(asked)
     out = capsys.readouterr().out
+    assert all(line in out for line in differing)
     assert "by the answer's order it is number 7" in out, "the long form has the similarity too"
     assert "+0.2500  chair: for this place" in out
 
 
+def seen(scores: list[float]) -> list[ObjectAttribution]:
+    return [ObjectAttribution(f"o{i}", "chair", score) for i, score in enumerate(scores)]
+
+
+def test_what_is_not_named_of_a_difference_is_summed(capsys) -> None:
+    here, there = [0.0, 0.31, 0.17, 0.0, 0.04, 0.0], [7.26, 6.0, 5.55, 4.44, 3.33, 0.02]
+    both = [PlaceEvidence("office", name, sum(of), seen(of), [], 0.0) for name, of in (("p0", here), ("p1", there))]
+    asked = explanation(method("layout", None, 1.0), why_not=WhyNot("office", "p1", 0.4, 7, [], evidence=both))
+    print_brief(answer(), "asked: place q", "", explanation(layout(chair=1.0)), asked)
+    said = [line.strip() for line in capsys.readouterr().out.split("WHY NOT  ")[1].splitlines()]
+    assert said[0] == "office, place p0: 0.5 nats, against 26.6 of office, place p1"
+    assert said[1] == "saw chair o0: +0.0 at p0, +7.3 at p1"
+    # 0.5 - 26.6 = -26.1; named are -7.3, -5.7, -5.3 (+0.2 against +5.5) and -4.4
+    assert said[5:] == ["and 1 smaller difference, -3.4 together (--long)"]
+
+
+def test_an_object_missed_at_both_places_is_one_line_and_none_where_it_costs_the_same(capsys) -> None:
+    def missing(place: str, bed: float, sink: float) -> PlaceEvidence:
+        missed = [ObjectAttribution("m1", "bed", bed), ObjectAttribution("m2", "sink", sink)]
+        return PlaceEvidence("office", place, bed + sink, [], missed, 0.0)
+
+    both = [missing("p0", -1.5, -0.4), missing("p1", -0.5, -0.4)]
+    asked = explanation(method("layout", None, 1.0), why_not=WhyNot("office", "p1", 0.4, 7, [], evidence=both))
+    print_explanation(asked)
+    lines = [line.strip() for line in capsys.readouterr().out.splitlines() if "did not see" in line]
+    assert lines == ["did not see bed m1, mapped near both: -1.5 at p0, -0.5 at p1"]
+
+
 def test_in_short_an_explanation_is_five_lines(capsys) -> None:
-    said = MethodAttributions("layout", [ClassAttribution("chair", 3.25, 0.8, 2)], [], None, 0.0)
     asked = explanation(
-        method("attention", 0.1, 0.7, 0.3), said, without=[WithoutClass("chair", "office", "p1", 0.4, False)]
+        method("attention", 0.1, 0.7, 0.3),
+        layout(chair=3.25),
+        without=[WithoutClass("chair", "office", "p1", 0.4, False, "ambiguous")],
     )
     print_brief(answer(), "asked: place q", "", asked)
     assert capsys.readouterr().out.splitlines() == [
         "WHAT     match: office, place p0 at (1.00, 2.00, 3.00)",
         "WHERE    asked: place q",
         "SURE     probability 0.800 (that this place is right); no rival elsewhere",
-        "BECAUSE  chair +3.2 nats (layout, which decided); attention: class 0 70%, class 1 30%",
-        "UNLESS   had it seen no chair: office, place p1, probability 0.400",
+        "BECAUSE  3.2 nats (layout, which decided): chair +3.2; attention: class 0 70%, class 1 30%",
+        "UNLESS   had it seen no chair: ambiguous, no longer a match, office, place p1, probability 0.400",
     ]
     print_brief(answer("unknown", 0), "asked: place q", "no object in reach", None)
     assert capsys.readouterr().out == "WHAT     unknown: no object in reach\nWHERE    asked: place q\n"
 
 
+def test_the_place_asked_for_may_be_the_answer(capsys) -> None:
+    asked = explanation(layout(chair=3.25))
+    print_brief(answer(), "asked: place q", "", asked, asked)
+    assert capsys.readouterr().out.splitlines()[-1] == "WHY NOT  it is the answer"
+
+
+def test_rivals_are_numbered_and_have_their_positions(capsys) -> None:
+    rivals = [match(1, "p7", 0.5), match(2, "p8", 0.4)]
+    print_brief(msgspec.structs.replace(answer("ambiguous"), rivals=rivals), "asked: place q", "", None)
+    assert capsys.readouterr().out.splitlines()[2] == (
+        "SURE     probability 0.800 (that this place is right); rivals: 1. office, place p7 at (1.00, 2.00, 3.00) "
+        "(0.800); 2. office, place p8 at (1.00, 2.00, 3.00) (0.800)"
+    )
+
+
+def test_the_parts_of_because_add_up_as_they_are_printed(capsys) -> None:
+    scores = {"chair": 10.06, "sofa": 6.06, "bed": 5.06, "sink": -4.06, "oven": 0.74, "vase": 0.02}
+    attended = method("attention", None, 0.333, 0.333, 0.112, 0.111, 0.111)
+    print_brief(answer(), "asked: place q", "", explanation(layout(**scores), attended))
+    said = capsys.readouterr().out.splitlines()[3]
+    # 10.1 + 6.1 + 5.1 - 4.1 is 17.2, and 17.88 is printed as 17.9
+    assert said == (
+        "BECAUSE  17.9 nats (layout, which decided): chair +10.1, sofa +6.1, bed +5.1, sink -4.1, the rest +0.7; "
+        "attention: class 0 33%, class 1 33%, class 2 11%, class 3 11%, the rest 12%"
+    )
+    walls = msgspec.structs.replace(layout(chair=3.17, sofa=2.13), walls=-1.34)
+    print_brief(answer(), "asked: place q", "", explanation(walls))
+    assert capsys.readouterr().out.splitlines()[3] == (
+        "BECAUSE  4.0 nats (layout, which decided): chair +3.2, sofa +2.1, walked where the map has no room -1.3"
+    )
+
+
+def test_what_a_class_holds_up_is_said_with_its_status(capsys) -> None:
+    without = [
+        WithoutClass("chair", "office", "p0", 0.81, True, "match"),
+        WithoutClass("bed", "office", "p0", 0.62, True, "ambiguous"),
+        WithoutClass("sink", "office", "p0", 0.801, True, "ambiguous"),
+        WithoutClass("tv", None, None, 0.0, False, "unknown"),
+    ]
+    print_brief(answer(), "asked: place q", "", explanation(layout(chair=1.0), without=without))
+    assert capsys.readouterr().out.splitlines()[4] == (
+        "UNLESS   had it seen no chair: still a match, the same place, probability 0.810; "
+        "had it seen no bed: ambiguous, no longer a match, the same place, probability 0.620; "
+        "had it seen no sink: ambiguous, no longer a match, the same place, probability 0.801; "
+        "had it seen no tv: unknown, nothing to go by"
+    )
+    still = [WithoutClass(name, "office", "p0", p, True, "match") for name, p in (("bed", 0.799), ("tv", 0.801))]
+    print_brief(answer(), "asked: place q", "", explanation(layout(chair=1.0), without=still))
+    assert capsys.readouterr().out.splitlines()[4] == (
+        "UNLESS   no single class: without any one of 2 it is still a match, the same place, probability 0.799 to 0.801"
+    )
+
+
 def test_classes_that_change_nothing_share_a_line(capsys) -> None:
     without = [
-        WithoutClass("chair", "office", "p0", 0.998, True),
-        WithoutClass("bed", "office", "p7", 0.998, False),
-        WithoutClass("couch", "office", "p0", 1.0, True),
-        WithoutClass("sink", "office", "p0", 0.9, True),
-        WithoutClass("tv", None, None, 0.0, False),
+        WithoutClass("chair", "office", "p0", 0.798, True, "match"),
+        WithoutClass("bed", "office", "p7", 0.798, False, "match"),
+        WithoutClass("couch", "office", "p0", 0.8, True, "match"),
+        WithoutClass("sink", "office", "p0", 0.7, True),
     ]
     asked = explanation(method("layout", None, 1.0), without=without)
-    print_explanation(asked, 1.0)
+    print_explanation(asked, answer())
     said = [line[9:] for line in capsys.readouterr().out.splitlines() if "had it seen" in line]
     assert said == [
-        "had it seen no bed: office, place p7, probability 0.998",
-        "had it seen no sink: the same answer, probability 0.900",
-        "had it seen no tv: nothing to go by",
-        "had it seen no chair, or no couch: the same answer, probability 0.998 to 1.000",
+        "had it seen no bed: still a match, office, place p7, probability 0.798",
+        "had it seen no sink: the same place, probability 0.700",
+        "had it seen no chair, or no couch: still a match, the same place, probability 0.798 to 0.800",
     ]
 
 
@@ -274,5 +369,5 @@ def test_two_places_of_one_id_are_told_apart_by_their_buildings(capsys) -> None:
     twins = [evidence("p0", 0.0, None, 0.0), evidence("p0", 4.25, None, 0.0)]
     twins[1] = PlaceEvidence("hall", "p0", 4.25, twins[1].objects, [], 0.0)
     asked = explanation(method("layout", None, 1.0), why_not=WhyNot("hall", "p0", 0.4, 7, [], evidence=twins))
-    print_brief(answer(), "asked: place q", "", asked)
+    print_brief(answer(), "asked: place q", "", explanation(layout(chair=1.0)), asked)
     assert "saw chair o1: +0.0 at p0 of office, +4.2 at p0 of hall" in capsys.readouterr().out

@@ -99,12 +99,17 @@ def test_from_graph_to_explained_answer(semloc, office, map_file, run, tmp_path)
     assert explained.code == 0, explained.err
     assert f"asked: place p{place & (1 << 56) - 1} " in explained.out
     assert semloc("explain", map_file, office, "--query", f"p({place & (1 << 56) - 1})").out == explained.out
+    answered = semloc("explain", map_file, office, "--query", place, "--methods", "layout")
+    assert re.search(r"^UNLESS   .*probability", answered.out, re.MULTILINE)
     for words in (("--place-near", "3,4"), ("--place", "p7")):
         elsewhere = semloc("explain", map_file, office, "--query", place, "--methods", "layout", *words)
         assert elsewhere.code == 0, elsewhere.err
         assert re.search(
-            r"WHY NOT  office, place p\d+: -?\d+\.\d nats, against \d+\.\d of office, place", elsewhere.out
+            r"WHY NOT  office, place p\d+ at \(.*\), \d+\.\d m from the answer, probability [01]\.\d{3}: "
+            r"-?\d+\.\d nats, against \d+\.\d of ",
+            elsewhere.out,
         )
+        assert elsewhere.out.startswith(answered.out), "all that is said of the answer, and why not there"
     assert semloc("explain", map_file, office, "--query", place, "--rival", 99).code == 2
     assert "number 2" not in explained.out
     assert "rank" in semloc("explain", map_file, office, "--query", place, "--long").out

@@ -162,4 +162,32 @@ def test_where_nothing_would_be_left_there_is_no_answer(loaded):
     localiser, _ = localised(loaded, only)
     located = localiser.ask()
     (said,) = explain_pair(located, located.best_row).without
-    assert said == wire.WithoutClass("chair", None, None, 0.0, False)
+    assert said == wire.WithoutClass("chair", None, None, 0.0, False, "unknown")
+
+
+def test_without_a_class_the_status_is_what_the_answer_would_say(loaded):
+    said = set()
+    for accept in (0.5, 0.9, 0.9995):
+        localiser, _ = localised(loaded, building_update(), accept_probability=accept)
+        located = localiser.ask()
+        for found in explain_pair(located, located.best_row, methods=["layout"], accept_probability=accept).without:
+            asked = localised(loaded, update_without(found.class_), accept_probability=accept)[1].matches
+            assert found.status == asked.status
+            said.add(found.status)
+    assert said == {"match", "ambiguous"}
+
+
+def test_any_place_has_the_probability_that_the_answer_would_list(loaded):
+    localiser, result = localised(loaded, building_update())
+    located = localiser.ask()
+    _, longer = localised(loaded, building_update(), top_n=100)
+    listed = {(of.map, of.place): of for of in longer.matches.matches}
+    assert len(listed) > len(result.matches.matches)
+    for (map_, place), of in listed.items():
+        asked = explain_pair(located, loaded.row(map_, place), methods=["layout"])
+        assert asked.probability == pytest.approx(of.probability, abs=1e-3)
+        assert asked.position == of.position
+    untested = Localiser(loaded, LocaliserConfig(rerank="none", explain_rate_hz=0)).update(building_update()).located
+    rows = {loaded.row(of.map, of.place) for of in untested.matches.matches}
+    other = min(set(range(loaded.n_places)) - rows)
+    assert explain_pair(untested, other, methods=["attention"]).probability is None

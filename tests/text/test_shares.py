@@ -1,5 +1,6 @@
 """Percentages: one of a thousand is not none, and all but one are not all."""
 
+import math
 import re
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import semloc_core
-from semloc_core.text.shares import percent
+from semloc_core.text.shares import percent, summing
 
 SOURCE = Path(semloc_core.__file__).parent
 
@@ -48,3 +49,18 @@ def test_what_is_measured_is_printed_by_this_function() -> None:
         for match in own.finditer(path.read_text()) if not match[1].isupper()
     ]  # fmt: skip
     assert found == []
+
+
+def test_parts_add_up_as_they_are_printed() -> None:
+    assert summing([1 / 3, 1 / 3, 1 / 3], 2) == [0.34, 0.33, 0.33]
+    assert summing([0.26, 0.26, 0.48], 1) == [0.3, 0.2, 0.5], "the largest remainders are rounded up"
+    assert summing([-0.54, 2.27, -1.7], 1) == [-0.6, 2.3, -1.7]
+    assert summing([], 1) == []
+
+
+@given(parts=st.lists(st.floats(-1e4, 1e4), max_size=12), digits=st.integers(0, 3))
+def test_no_part_is_off_by_as_much_as_its_last_digit(parts: list[float], digits: int) -> None:
+    found = summing(parts, digits)
+    step = 10.0**-digits
+    assert f"{sum(found) + 0.0:.{digits}f}".lstrip("-") == f"{math.fsum(parts):.{digits}f}".lstrip("-")
+    assert all(abs(a - b) < step * (1 + 1e-9) for a, b in zip(found, parts, strict=True))

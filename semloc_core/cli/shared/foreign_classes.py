@@ -35,19 +35,20 @@ def report_unknown_classes(unknown: Mapping[str, int], where: str, *, advise: bo
         advise: say which option helps.
 
     """
-    from semloc_core.graph import advice, all_numbers
+    from semloc_core.graph import advice
 
     if unknown:
         listed = ", ".join(f"{name} ({count})" for name, count in sorted(unknown.items()))
-        note(f"{where}: objects of classes that the labelspace lacks are not used: {listed}")
-        if advise and all_numbers(unknown):
-            note(f"{where}: it has numbers in place of class names: {advice(unknown)}")
+        helps = f"; {advice(unknown)}" if advise else ""
+        note(f"{where}: objects of classes that the labelspace lacks are not used: {listed}{helps}")
 
 
 def tell_numbers(space: Labelspace, reading: Reading) -> None:
     """Say that all classes are numbers, where the person did not say what they mean."""
     if reading.said is None and space.classes and all(name.startswith("class_") for name in space.classes):
-        note("the graphs have numbers in place of class names; if you know which classes they are, use --labelspace")
+        from semloc_core.graph import advice
+
+        note(f"the graphs have numbers in place of class names: {advice(space.classes)}")
 
 
 def check_classes(graph: SceneGraph, space: Labelspace, where: str, *, allow_unknown: bool) -> None:
@@ -76,4 +77,4 @@ def check_classes(graph: SceneGraph, space: Labelspace, where: str, *, allow_unk
             f"{known} of {total} in {where}, and of others {listed(unknown)}; {advice(unknown)}, "
             "--allow-unknown leaves them out)"
         )
-    report_unknown_classes(unknown, where, advise=False)
+    report_unknown_classes(unknown, where)

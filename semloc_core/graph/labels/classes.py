@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from semloc_core.graph.labels.cross_walk import REMEMBERED, CrossWalk
-from semloc_core.graph.labels.label_sets import Told, likely_sets
+from semloc_core.graph.labels.files import shipped_labelspaces
+from semloc_core.graph.labels.label_sets import Told, label_sets, likely_sets
 from semloc_core.graph.labels.labelspace import Labelspace, listed
 from semloc_core.graph.labels.names import folded, is_nameless, number_of, placeholder
 from semloc_core.wire import DECIMALS
@@ -211,8 +212,10 @@ def all_unknown(classes: Iterable[str], space: Labelspace) -> str | None:
 def advice(names: Iterable[str]) -> str:
     """The option that helps with classes that a map or model does not know: every command that reads labels has it."""
     if all(number_of(name) is not None for name in names):
-        return "--labelspace says which classes these numbers are"
-    return "--synonyms joins names to the map's"
+        shipped = ", ".join(shipped_labelspaces())
+        return f"--labelspace says which classes these numbers are: one of {shipped}, or a YAML file"
+    sets = ", ".join(label_sets())
+    return f"--synonyms auto joins names of known label sets ({sets}) to the map's, --synonyms FILE any others"
 
 
 def _of_another_numbering(said: Labelspace, names: Mapping[int, str]) -> bool:

@@ -18,7 +18,7 @@ from semloc_core.graph import Reading
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import LoadedMap
 from semloc_core.replay import Answer, replay
-from semloc_core.report.replay.data import Gathering
+from semloc_core.report.replay.gathering import Gathering
 from semloc_core.sources import TOLERANCE_S, Truth
 
 LOOPBACK = "127.0.0.1"

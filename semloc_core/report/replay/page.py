@@ -15,8 +15,8 @@ from semloc_core.config import MATCH_RADIUS_M, LocaliserConfig
 from semloc_core.map_database import LoadedMap
 from semloc_core.metrics import Row
 from semloc_core.report.page import Page
-from semloc_core.report.replay.data import ReplayData
 from semloc_core.report.replay.frames import Building, Frame
+from semloc_core.report.replay.gathering import ReplayData
 from semloc_core.text import percent
 
 MOST_BYTES = 5_000_000

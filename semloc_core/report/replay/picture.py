@@ -14,8 +14,8 @@ from semloc_core.map_database import LoadedMap
 from semloc_core.report.colours import INK, OTHER, OTHER_STYLE, RIGHT, WRONG, ClassLooks
 from semloc_core.report.drawing import figure, shown, to_png
 from semloc_core.report.floor_plan import Floats, Plan, draw_building
-from semloc_core.report.replay.data import ReplayData
 from semloc_core.report.replay.frames import Frame, Share
+from semloc_core.report.replay.gathering import ReplayData
 from semloc_core.text import percent
 
 _WIDTH, _LEAST_HEIGHT, _BARS = 9.0, 3.2, 6

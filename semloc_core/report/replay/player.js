@@ -7,7 +7,7 @@ const BLUE = "#0072B2", ORANGE = "#E69F00", GREEN = "#009E73", VERMILLION = "#D5
 const COLOURS = [BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILLION, "#F0E442"];
 const STATUS = { match: [BLUE, 1, "accepted"], ambiguous: [ORANGE, 0.66, "could be elsewhere"],
   unknown: ["#8C8C8C", 0.33, "nothing to go by, or not in this map"], no_graph: ["#8C8C8C", 0.1, "updates missing"] };
-const KIND = { match: "likely", rival: "rival", alike: "looks alike" };
+const KIND = { match: "listed", rival: "rival", alike: "looks alike" };
 
 async function unpacked() {
   const text = $("data").textContent.trim();
@@ -53,7 +53,12 @@ const percent = (p) => (p > 0 && p < 0.005 ? "<1%" : p < 1 && p >= 0.995 ? ">99%
 const signed = (v) => (Math.abs(v) < 0.005 ? "0" : `${v > 0 ? "+" : "−"}${Math.abs(v).toFixed(Math.abs(v) < 10 ? 2 : 1)}`);
 const clock = (s) => { const t = Math.max(0, s); return `${Math.floor(t / 60)}:${(t % 60).toFixed(1).padStart(4, "0")}`; };
 const title = (text) => draw("title", {}, document.createTextNode(text));
-const short = (id) => (id.length > 8 ? `…${id.slice(-5)}` : id);
+// As the command line has it: p86 of a 64-bit id with a letter, which --place takes.
+const short = (id) => {
+  const [letter, number] = /^\d{15,20}$/.test(id) ? [BigInt(id) >> 56n, BigInt(id) & ((1n << 56n) - 1n)] : [0n, 0n];
+  const name = String.fromCharCode(Number(letter));
+  return /^[A-Za-z]$/.test(name) ? `${name}${number}` : id.length > 8 ? `…${id.slice(-5)}` : id;
+};
 const turned = ([x, y, , yaw], p) => [x + Math.cos(yaw) * p[0] - Math.sin(yaw) * p[1], y + Math.sin(yaw) * p[0] + Math.cos(yaw) * p[1]];
 
 // Shapes of radius 1, y down.

@@ -60,7 +60,7 @@ def test_a_few_unknown_objects_are_said_and_taken(semloc, write_corridor, home_m
     other = write_corridor(tmp_path / "other.json", ["chair", "couch", "desk", "whiteboard"])
     added = semloc("map", "add", home_map, other)
     assert added.code == 0, added.err
-    assert "desk (1), whiteboard (1)" in added.err
+    assert "desk (1), whiteboard (1); --synonyms auto joins names of known label sets" in added.err
 
 
 def test_numbers_read_by_a_maps_labelspace_are_told(semloc, write_corridor, home_map, tmp_path) -> None:

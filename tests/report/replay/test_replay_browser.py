@@ -14,7 +14,7 @@ import pytest
 
 from semloc_core.config import LocaliserConfig
 from semloc_core.explain import evidence_of
-from semloc_core.graph import Reading
+from semloc_core.graph import Reading, short_id
 from semloc_core.localiser import Localiser
 from semloc_core.map_database import load
 from semloc_core.replay import replay
@@ -191,6 +191,7 @@ def test_a_click_on_a_rival_shows_its_evidence_beside_the_answers(opened, data):
     for _ in range(number):
         tab.keyboard.press("ArrowRight")
     frame = list(data.frames)[number]
+    assert f"{frame.candidates[0].map}, place {short_id(frame.candidates[0].place)}" in tab.inner_text("#answer")
     assert tab.locator("#whynot table").count() == 0
     tab.locator(".ghost, [data-candidate]").first.click()
     rows = tab.locator("#whynot tbody tr")

@@ -11,7 +11,8 @@ from semloc_core.errors import FileFormatError
 from semloc_core.report.kept_page import keep, kept
 from semloc_core.report.page import Fact, Page, Section, Table
 from semloc_core.report.replay import page as replay_page_module
-from semloc_core.report.replay.data import FRAMES, read_results
+from semloc_core.report.replay.data import read_results
+from semloc_core.report.replay.gathering import FRAMES
 from semloc_core.report.replay.page import replay_page
 from semloc_core.report.replay.picture import answer_picture
 from semloc_core.report.replay.thinned import Thinned
