@@ -39,6 +39,10 @@ STEP_M = 0.01
 """Shares of rings are tabled in such steps: there are many more pairs than steps."""
 _FAINT = 1e-9
 """A smaller share of an object in a ring changes no likelihood."""
+DECIMALS = 6
+"""Names of which as much is known, to so many decimals of what they may be, are one."""
+MOST_NAMES = 16
+"""Names of several classes whose rates are kept at most."""
 DETECTED = 0.77
 """Share of the mapped objects that are detected."""
 INVENTED = 0.04
@@ -132,10 +136,50 @@ class CoarseScan:
         self._rate = rate.reshape(-1, first)
         # Which rows of it are logarithms already: those of the classes that were seen yet.
         self._logged = np.zeros(len(self._rate), dtype=np.bool_)
+        self._mixed: dict[bytes, NDArray[np.float32]] = {}
         self._lock = Lock()
 
     def log_likelihood(self, fragment: Fragment) -> NDArray[np.float32]:
-        """(M,) of each place of the map, up to a constant; equal ones of places with equal surroundings."""
+        """(M,) of each place of the map, up to a constant; equal ones of places with equal surroundings.
+
+        What may be of several classes, or has no name, may be any object of these: their rates add up, each by how
+        often its class is called so.
+        """
+        found = self._sure(sure := fragment.sure())
+        if len(sure.classes) < len(fragment.classes):
+            assert fragment.likely is not None
+            shares = _shares(_metres(fragment.objects))
+            certain = set(sure.object_ids)
+            unsure = [i for i, id_ in enumerate(fragment.object_ids) if id_ not in certain]
+            names, of = np.unique(np.round(fragment.likely[unsure], DECIMALS), axis=0, return_inverse=True)
+            for number, name in enumerate(names):
+                seen = shares[:, unsure][:, of.reshape(-1) == number].sum(axis=1)
+                found += np.einsum("r,rm->m", seen, self._of_several(name))
+        return found
+
+    def _of_several(self, name: Floats) -> NDArray[np.float32]:
+        """(R, M) logarithm of the rate of what is called by a name that may be of classes (C + 1,), as a fragment's."""
+        if (found := self._mixed.get(key := name.tobytes())) is None:
+            rings, named = len(RING_CENTRES_M), name[:-1]
+            of = np.flatnonzero(named) if named.any() else np.arange(len(named))
+            often = self._invented[of] / np.float32(INVENTED)
+            weight = (named[of] / often if named.any() else np.ones(len(of))).astype(np.float32)
+            rate = np.full(self._room.shape, (weight * self._invented[of]).sum(), dtype=np.float32)
+            with self._lock:
+                for class_, times in zip(of.tolist(), weight.tolist(), strict=True):
+                    rows = slice(class_ * rings, (class_ + 1) * rings)
+                    own = self._rate[rows].copy()
+                    logged = self._logged[rows]
+                    own[logged] = np.exp(own[logged]) - self._invented[class_]
+                    rate += np.float32(times) * own
+            found = np.log(rate, out=rate)
+            if len(self._mixed) >= MOST_NAMES:
+                self._mixed.clear()
+            self._mixed[key] = found
+        return found
+
+    def _sure(self, fragment: Fragment) -> NDArray[np.float32]:
+        """The same of objects that are of their class."""
         rings = len(RING_CENTRES_M)
         of = (fragment.classes * rings + np.arange(rings)[:, None]).ravel()
         shares = _shares(_metres(fragment.objects)).ravel()

@@ -191,10 +191,9 @@ class LayoutVerifier:
         self, fragment: Fragment, similarity: NDArray[np.float32] | None, only: NDArray[np.bool_] | None = None
     ) -> Ints:
         """(K,) rows to be tried, in rising order: the likeliest of the scan, and some of the most similar."""
-        sure = fragment.sure()
-        found = [self._votes.rows(sure, self.config.voted, only)]
+        found = [self._votes.rows(fragment.sure(), self.config.voted, only)]
         if self._scan is not None and self.config.coarse:
-            likelihood = self._scan.log_likelihood(sure)
+            likelihood = self._scan.log_likelihood(fragment)
             found.append(self._apart(_largest(likelihood, self.config.coarse, only), likelihood))
         if similarity is not None:
             k = self.config.coarse // 5 if self._scan is not None else self.config.coarse
