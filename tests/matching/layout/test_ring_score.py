@@ -60,7 +60,7 @@ def test_rates_of_several_classes_add_up_by_how_often_each_is_called_so(asked):
 
 def test_places_are_proposed_by_what_is_of_several_classes_alone(asked, homes):
     """A detector that calls every class one of two names: no object is of a class for sure."""
-    (maps, again, space), (verifier, fragment) = homes, asked
+    (_, again, space), (verifier, fragment) = homes, asked
     c = len(space)
     often = np.bincount(verifier.mapped.object_classes, minlength=c) + 1e-9
     likely = np.zeros((len(fragment.classes), c + 1))
