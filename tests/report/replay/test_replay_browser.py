@@ -249,6 +249,7 @@ def test_the_live_page_follows_the_run(case, opened):
         tab = opened(1400, address)
         feed.run(run, Reading(known=loaded.model.labelspace))
         tab.locator("#lacks", has_text="The run is over").wait_for()
+        tab.locator("#robot").wait_for(state="attached")  # drawn once the building has come, too
         assert tab.locator("#robot").count() == 1
         tab.close()
 
