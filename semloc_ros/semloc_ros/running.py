@@ -143,7 +143,9 @@ def run(
             start(node)
         spinning = threading.Thread(target=spin, name="executor", daemon=True)
         spinning.start()
-        ended.wait()
+        # A signal that another thread is given wakes nobody: Python's handlers run in this one, when it runs.
+        while not ended.wait(SPIN_S):
+            pass
         # Whatever a callback is busy with, such as reading a map: the end does not wait for it any longer than this.
         patience = threading.Timer(GRACE_S, lambda: os._exit(1 if failed else 0))
         patience.daemon = True

@@ -112,10 +112,10 @@ def running(spin, assets):
 
     started = []
 
-    def make(**parameters):
+    def make(before="", **parameters):
         values = {"map": str(assets / "home.map"), "autostart": False, "stale_after_s": 1.0} | parameters
-        command = [sys.executable, "-c", "import sys; from semloc_ros.commands import localiser; sys.exit(localiser())"]
-        command.append("--ros-args")
+        begin = "import sys; from semloc_ros.commands import localiser; sys.exit(localiser())"
+        command = [sys.executable, "-c", before + begin, "--ros-args"]
         for name, value in values.items():
             command += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
         process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
@@ -169,6 +169,24 @@ def test_a_lifecycle_managers_first_configure_takes_a_node_over_that_started_its
     assert side.state() == ACTIVE
     side.connect().send(updates()[0])
     side.wait_matches(1)
+
+
+def test_a_signal_that_another_thread_is_given_ends_it(running, tmp_path):
+    """The system gives a process's signal to any thread; the one that waits for it would sleep on."""
+    told = tmp_path / "told"
+    thread = (
+        "import os, signal, threading, time\n"
+        "def wait():\n"
+        f"    while not os.path.exists({str(told)!r}):\n"
+        "        time.sleep(0.05)\n"
+        "    signal.pthread_kill(threading.get_ident(), signal.SIGINT)\n"
+        "    time.sleep(100)\n"
+        "threading.Thread(target=wait, daemon=True).start()\n"
+    )
+    side = running(thread)
+    told.touch()
+    side.process.wait(timeout=60)
+    assert side.process.returncode == 0
 
 
 @pytest.mark.parametrize("service", ["explain", "reload_map", "reset"])
