@@ -23,7 +23,7 @@ from semloc_core.evaluate.relocalise import Arena, fitted, make_arena, read_buil
 from semloc_core.evaluate.verified_answers import any_frame, fragments_along, layout_verifier
 from semloc_core.explain import SimilarityQuery, explain
 from semloc_core.graph import Floats, Ints, union
-from semloc_core.matching import IN_MAP, Fragment, LayoutVerifier, Placed, Verified, confidence, placed
+from semloc_core.matching import Fragment, LayoutVerifier, Placed, Verified, confidence, placed, status_of
 from semloc_core.metrics import Progress, Row, no_progress
 from semloc_core.sources import WalkConfig
 from semloc_core.text import short_repr
@@ -189,9 +189,7 @@ def _said(verifier: LayoutVerifier, fragment: Fragment, found: Verified | None) 
         return 0.0, "unknown"
     sure = confidence(found, fragment, verifier.mapped)
     probability = float(sure.probability.max())
-    if probability >= LocaliserConfig().accept_probability:
-        return probability, "match"
-    return probability, "ambiguous" if sure.in_map >= IN_MAP else "unknown"
+    return probability, status_of(probability, LocaliserConfig().accept_probability, sure.in_map)
 
 
 def failures(study: Study, least_m: float = 5.0, most_m: float = 10.0) -> list[Row]:

@@ -8,7 +8,7 @@ import torch
 from semloc_core.config import MATCH_RADIUS_M
 from semloc_core.encoding import PerturbedEncoder
 from semloc_core.explain.layout_scores import layout_attributions
-from semloc_core.matching import IN_MAP, LayoutVerifier, Located, confidence, verifier_of
+from semloc_core.matching import LayoutVerifier, Located, confidence, status_of, verifier_of
 from semloc_core.wire import WithoutClass
 
 MOST = 8
@@ -63,5 +63,5 @@ def _without(
         place=loaded.place_ids[row],
         probability=probability,
         same=bool(on[row] == on[evidence.row] and off <= MATCH_RADIUS_M),
-        status="match" if probability >= accept else "ambiguous" if sure.in_map >= IN_MAP else "unknown",
+        status=status_of(probability, accept, sure.in_map),
     )

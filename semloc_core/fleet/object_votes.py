@@ -94,9 +94,7 @@ class MappedObjects:
 
 def objects_of(graph: SceneGraph, labelspace: Labelspace) -> MappedObjects:
     """A building's, by rising id."""
-    things = [graph.objects[id_] for id_ in sorted(graph.objects)]
-    positions = np.array([thing.position for thing in things], dtype=np.float64).reshape(-1, 3)
-    return MappedObjects.of(positions, np.array([labelspace.index(thing.class_) for thing in things], dtype=np.int64))
+    return MappedObjects.of(*_by_id(graph, labelspace))
 
 
 class ObjectVotes:
@@ -163,10 +161,14 @@ def _weight(found: float, log_without: Floats) -> Floats:
 
 def seen_objects(graph: SceneGraph, labelspace: Labelspace, place: str) -> tuple[Floats, Ints]:
     """(n, 3) the objects that a robot knows, metres, by how far from a place of its graph, and (n,) their classes."""
+    return nearest_first(*_by_id(graph, labelspace), graph.places[place])
+
+
+def _by_id(graph: SceneGraph, labelspace: Labelspace) -> tuple[Floats, Ints]:
+    """(n, 3) a graph's objects by rising id, metres, and (n,) their classes."""
     things = [graph.objects[id_] for id_ in sorted(graph.objects)]
     positions = np.array([thing.position for thing in things], dtype=np.float64).reshape(-1, 3)
-    classes = np.array([labelspace.index(thing.class_) for thing in things], dtype=np.int64)
-    return nearest_first(positions, classes, graph.places[place])
+    return positions, np.array([labelspace.index(thing.class_) for thing in things], dtype=np.int64)
 
 
 def nearest_first(positions: Floats, classes: Ints, at: Sequence[float] | Floats) -> tuple[Floats, Ints]:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from semloc_core.map_database.info import describe, describe_map
     from semloc_core.map_database.loaded import LoadedMap, StoredBuilding, Whole, assemble, load
     from semloc_core.map_database.protocols import ReadableMap, WritableMap
-    from semloc_core.map_database.search.exact import ExactSearch
+    from semloc_core.map_database.search.exact import ExactSearch, kth_largest
     from semloc_core.map_database.search.inverted import InvertedSearch
     from semloc_core.map_database.stored.meta import MapMeta, check_hash, read_meta
     from semloc_core.map_database.stored.records import (
@@ -51,7 +51,7 @@ __all__ = [
     "MAX_BUILDINGS", "MAX_GRAPH_BYTES", "MAX_HISTORY_BYTES", "MapDatabase", "MapMeta", "Note", "ObjectBelief",
     "PackedGraph", "PlaceRows", "ReadableMap", "StoredBuilding", "Traversal", "Whole", "WritableMap", "assemble",
     "building_digest", "check_hash", "check_in_graph", "check_name", "check_places", "class_weights", "content_hash",
-    "describe", "describe_map", "frame_of", "in_the_words_of", "load", "matching_buildings", "move_rates",
-    "object_weights", "pack_graph", "pack_history", "publish_map", "read", "read_meta", "reading_for",
+    "describe", "describe_map", "frame_of", "in_the_words_of", "kth_largest", "load", "matching_buildings",
+    "move_rates", "object_weights", "pack_graph", "pack_history", "publish_map", "read", "read_meta", "reading_for",
     "stored_building", "unknown_building", "unpack_graph", "unpack_history",
 ]  # fmt: skip

@@ -23,16 +23,24 @@ if TYPE_CHECKING:
     from semloc_core.matching.layout.fragment import Fragment, fragment_of_arrays, fragment_of_graph
     from semloc_core.matching.layout.pose.placed import Placed, placed
     from semloc_core.matching.layout.verifier import LayoutVerifier, Verified
-    from semloc_core.matching.posterior import IN_MAP, Ranking, Similarities, modes, most_similar, place_probabilities
+    from semloc_core.matching.posterior import (
+        Ranking,
+        Similarities,
+        modes,
+        most_similar,
+        place_probabilities,
+        status_of,
+    )
     from semloc_core.matching.radius_index import RadiusIndex
     from semloc_core.matching.reranker import Reranked, Reranker, layout_part, share_verifier, verifier_of
 else:
     __getattr__ = exports(__name__)
 
 __all__ = [
-    "Answers", "Calibration", "Confidence", "Evidence", "FEATURES", "Fragment", "IN_MAP", "LayoutConfig", "LayoutPart",
+    "Answers", "Calibration", "Confidence", "Evidence", "FEATURES", "Fragment", "LayoutConfig", "LayoutPart",
     "LayoutVerifier", "Localisation", "Located", "MOST_SURE", "Placed", "RadiusIndex", "Ranking", "Reply", "Reranked",
     "Reranker", "SHARPNESS", "ServerState", "Similarities", "Tested", "Verified", "confidence", "evidence_at",
     "features", "fragment_of_arrays", "fragment_of_graph", "layout_part", "matches_of", "modes", "most_similar",
-    "near_figures", "other_figures", "perfect", "place_probabilities", "placed", "share_verifier", "verifier_of",
+    "near_figures", "other_figures", "perfect", "place_probabilities", "placed", "share_verifier", "status_of",
+    "verifier_of",
 ]  # fmt: skip

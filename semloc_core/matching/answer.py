@@ -15,7 +15,7 @@ from semloc_core.graph import Outcome
 from semloc_core.map_database import LoadedMap, frame_of
 from semloc_core.matching.layout.evidence import Evidence
 from semloc_core.matching.layout.pose.placed import NO_YAW, Placed
-from semloc_core.matching.posterior import IN_MAP, Ranking, Similarities
+from semloc_core.matching.posterior import Ranking, Similarities, status_of
 from semloc_core.matching.reranker import Reranked, Reranker
 from semloc_core.text import short_repr
 from semloc_core.wire import ClassAttributions, MapInfo, Match, ModelInfo, PlaceMatches, Pose, Status, Transform
@@ -129,19 +129,18 @@ class Reply:
         """
         ranking = tested.ranking if tested is not None else raw if reranker is None else raw.doubted()
         best = int(ranking.rows[0])
-        accepted = ranking.probability[best] >= self.config.accept_probability
-        rivals = ranking.rivals()[: 0 if accepted else self.config.top_n]
+        status = status_of(ranking.probability[best], self.config.accept_probability, ranking.in_map)
+        rivals = ranking.rivals()[: 0 if status == "match" else self.config.top_n]
         places: Mapping[int, Placed] = {}
         if reranker is not None and tested is not None:
             places = reranker.placed(tested, [*ranking.rows.tolist(), *rivals.tolist()])
         # Places near one another are of one answer.
-        pose_of = {
-            id(place): pose_in(place, *stands) for place in {id(each): each for each in places.values()}.values()
-        }
+        once = {id(place): place for place in places.values()}
+        pose_of = {key: pose_in(place, *stands) for key, place in once.items()}
         poses = {row: pose_of[id(place)] for row, place in places.items()}
         matches = matches_of(self.map, ranking.rows, ranking, similarity, poses)
         message = self._message(
-            "match" if accepted else "ambiguous" if ranking.in_map >= IN_MAP else "unknown",
+            status,
             matches=matches,
             rivals=matches_of(self.map, rivals, ranking, similarity, poses),
             raw_matches=matches_of(self.map, raw.rows, raw, similarity) if ranking is not raw else None,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from semloc_core.map_database import LoadedMap
 from semloc_core.matching.radius_index import RadiusIndex
 from semloc_core.text import short_repr
+from semloc_core.wire import Status
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -47,6 +48,13 @@ class Ranking:
         best = self.probability[int(self.rows[0])]
         elsewhere = [r for r in self.separate[1:].tolist() if self.probability[r] >= RIVAL_RATIO * best]
         return np.array(sorted(elsewhere, key=lambda row: -self.probability[row]), dtype=np.int64)
+
+
+def status_of(probability: float, accept: float, in_map: float) -> Status:
+    """What an answer with a match is called, by P(its best place is right) and P(the robot is in the map)."""
+    if probability >= accept:
+        return "match"
+    return "ambiguous" if in_map >= IN_MAP else "unknown"
 
 
 def most_similar(loaded: LoadedMap, z: Similarities, n: int, index: RadiusIndex) -> tuple[Ranking, Similarities]:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from semloc_core.errors import MapError
-from semloc_core.map_database.search.exact import ExactSearch
+from semloc_core.map_database.search.exact import ExactSearch, kth_largest
 
 
 def unit_rows(rng: np.random.Generator, rows: int, dimension: int = 32) -> NDArray[np.float32]:
@@ -187,3 +187,10 @@ def test_one_pass_finds_what_a_search_finds_and_knows_all_the_rest(rows: int) ->
     for wrong, k in ((np.full(8, np.nan, np.float32), 3), (z[:4], 3), (z.astype(np.float64), 3), (z, 0)):
         with pytest.raises(MapError, match=r"^expected k of at least 1 .* \(got "):
             search.everywhere(wrong, k)
+
+
+@pytest.mark.parametrize(("n", "k"), [(10, 1), (100, 9), (64 * 50, 9), (64 * 400 + 7, 400), (30_000, 5)])
+def test_the_kth_largest_of_many_is_that_of_all_sorted(n, k):
+    """It is found without sorting, by blocks: else a large map would try others than a small one."""
+    values = np.round(np.random.default_rng(n).normal(size=n), 2).astype(np.float32)
+    assert kth_largest(values, k) == np.sort(values)[-k]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -144,7 +145,7 @@ def _by_turns(scope: str, first: Localiser, runs: Sequence[Sequence[bytes]], rob
         for i, robot in enumerate(fleet):
             run = runs[i % len(runs)]
             text = run[(step + 1) % len(run)]
-            clocked(took, "", lambda robot=robot, text=text: _answered(robot, text))  # type: ignore[misc]
+            clocked(took, "", partial(_answered, robot, text))
             if step >= 0:  # the first is a full one for all
                 taken.append(took[""])
     for robot in fleet:
@@ -164,11 +165,15 @@ def _peer(scope: str, homes: Homes, seen: Sequence[Seen], whole_ms: float) -> Ro
     register = by or register_clipper
     known = [home.object_classes >= 0 for home in homes.arrays]
     mapped = [(a.object_positions[k], a.object_classes[k]) for a, k in zip(homes.arrays, known, strict=True)]
+
+    def registered(one: Seen) -> None:
+        for objects, classes in mapped:
+            register(one.objects, one.classes, objects, classes, config)
+
     took: Times = {}
     taken: list[tuple[float, float]] = []
     for at in np.unique(np.linspace(0, len(seen) - 1, min(PEER_ANSWERS, len(seen))).round().astype(np.int64)).tolist():
-        one = seen[at]
-        clocked(took, "", lambda one=one: [register(one.objects, one.classes, *home, config) for home in mapped])  # type: ignore[misc]
+        clocked(took, "", partial(registered, seen[at]))
         taken.append(took[""])
     return _row(scope, PEER if by is None else ORIGINAL, taken, whole_ms / 1e3)
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from semloc_core.errors import MapError
 
-_BLOCK = 1024  # rows whose largest similarity stands for all of them
+_BLOCK = 64  # values whose largest stands for all of them
 _SCORED_AT_ONCE = 2**14
 _BATCH_VALUES = 2**24  # similarities held at a time: 64 MiB
 
@@ -112,9 +112,7 @@ class ExactSearch:
         # What two float32 sums of D products can differ by, however they are ordered (twice the usual bound).
         length = float(np.sqrt(np.dot(query.astype(np.float64), query.astype(np.float64))))
         slack = np.float32(4 * self.embeddings.shape[1] * 2.0**-24 * self._length * length)
-        candidates = np.flatnonzero(rough >= _at_most_kth_largest(rough, k) - slack)
-        kth = np.partition(rough[candidates], -k)[-k]
-        candidates = candidates[rough[candidates] >= kth - slack]
+        candidates = np.flatnonzero(rough >= kth_largest(rough, k) - slack)
         exact = np.empty(len(candidates), dtype=np.float32)
         for start in range(0, len(candidates), _SCORED_AT_ONCE):  # few, but for a zero query they are all rows
             some = slice(start, start + _SCORED_AT_ONCE)
@@ -137,13 +135,10 @@ def check_query(z: ArrayLike, dimension: int, k: int, mask: NDArray[np.bool_] | 
     return queries
 
 
-def _at_most_kth_largest(values: NDArray[np.float32], k: int) -> np.float32:
-    """A cheap number that is no larger than the k-th largest finite value, and mostly not much smaller."""
+def kth_largest(values: NDArray[np.float32], k: int) -> np.float32:
+    """The k-th largest of (M,) values; of many most are below the k-th of the blocks' largest: not looked at."""
     blocks = len(values) // _BLOCK
-    if k > blocks:
-        return np.float32(np.partition(values, -k)[-k])
-    largest = values[: blocks * _BLOCK].reshape(blocks, _BLOCK).max(axis=1)
-    bound = np.partition(largest, -k)[-k]  # k values in as many blocks are at least this
-    if np.isfinite(bound):
-        return np.float32(bound)
-    return np.float32(np.partition(values, -k)[-k])  # a mask that leaves few blocks
+    if blocks >= k:
+        largest = values[: blocks * _BLOCK].reshape(blocks, _BLOCK).max(axis=1)
+        values = values[values >= np.partition(largest, blocks - k)[blocks - k]]
+    return np.float32(np.partition(values, len(values) - k)[len(values) - k])

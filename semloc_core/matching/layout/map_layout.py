@@ -13,10 +13,8 @@ from semloc_core.matching.layout.building.free_space_cost import Rooms
 from semloc_core.matching.layout.building.layout import LayoutPart
 from semloc_core.matching.layout.building.objects_by_place import Around
 from semloc_core.matching.layout.compiled import compiled
-from semloc_core.matching.layout.compiled.tables import MapTable
+from semloc_core.matching.layout.compiled.tables import Ints32, MapTable
 from semloc_core.matching.layout.config import LayoutConfig
-
-Ints32 = NDArray[np.int32]
 
 
 class MappedLayout:

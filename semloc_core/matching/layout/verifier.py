@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semloc_core.graph import Floats, GraphArrays, Ints
+from semloc_core.map_database import kth_largest
 from semloc_core.matching.layout.building.layout import APART_M, LayoutPart
 from semloc_core.matching.layout.config import LayoutConfig
 from semloc_core.matching.layout.fragment import Fragment
@@ -18,9 +19,6 @@ from semloc_core.matching.layout.pose.align import against, align
 from semloc_core.matching.layout.pose.heading_vote import STEP, best_poses, heading_scores, with_ties
 from semloc_core.matching.layout.ring_score import CoarseScan, affordable
 from semloc_core.text import short_repr
-
-_BLOCK = 64
-"""Values whose largest stands for all of them."""
 
 
 @short_repr
@@ -217,16 +215,7 @@ def _largest(values: NDArray[np.float32], k: int, only: NDArray[np.bool_] | None
     if len(of) <= k:
         return np.arange(len(of)) if rows is None else rows
     # Ties at the edge are all taken: which of them a partition would keep is not defined.
-    chosen = np.flatnonzero(of >= _kth_largest(of, k))
+    chosen = np.flatnonzero(of >= kth_largest(of, k))
     if len(chosen) > 2 * k:
         chosen = np.argsort(-of, kind="stable")[:k]
     return chosen if rows is None else rows[chosen]
-
-
-def _kth_largest(values: NDArray[np.float32], k: int) -> np.float32:
-    """Of many values most are below the k-th largest of the blocks' largest, and are not looked at."""
-    blocks = len(values) // _BLOCK
-    if blocks >= k:
-        largest = values[: blocks * _BLOCK].reshape(blocks, _BLOCK).max(axis=1)
-        values = values[values >= np.partition(largest, blocks - k)[blocks - k]]
-    return np.float32(np.partition(values, len(values) - k)[len(values) - k])

@@ -9,7 +9,6 @@ from semloc_core.evaluate.verified_answers import any_frame, layout_verifier, wr
 from semloc_core.matching.layout import LayoutVerifier, fragment_of_arrays
 from semloc_core.matching.layout.answers import FEATURES, shipped_calibration
 from semloc_core.matching.layout.confidence import confidence, features, masses
-from semloc_core.matching.layout.verifier import _kth_largest
 
 
 @pytest.fixture(scope="module")
@@ -105,10 +104,3 @@ def test_the_shipped_calibration_is_of_these_features():
     assert terms.shape == (1, len(calibration.right)) == (1, 1 + n + n * (n + 1) // 2)
     assert terms[0, 0] == 1
     assert not terms[0, 1:].any()
-
-
-@pytest.mark.parametrize(("n", "k"), [(10, 1), (100, 9), (64 * 50, 9), (64 * 400 + 7, 400), (30_000, 5)])
-def test_the_kth_largest_of_many_is_that_of_all_sorted(n, k):
-    """It is found without sorting, by blocks: else a large map would try others than a small one."""
-    values = np.round(np.random.default_rng(n).normal(size=n), 2).astype(np.float32)
-    assert _kth_largest(values, k) == np.sort(values)[-k]

@@ -73,9 +73,9 @@ class Rooms:
 
         """
         if compiled():
-            from semloc_core.matching.layout.compiled import poses
+            from semloc_core.matching.layout.compiled.against import lost
 
-            return poses.lost(
+            return lost(
                 building,
                 np.stack([turn.real, turn.imag], axis=1),
                 np.ascontiguousarray(origin),

@@ -12,7 +12,7 @@ import numpy as np
 
 from semloc_core.graph import Floats, Ints
 from semloc_core.matching.layout.compiled.kernel import kernel
-from semloc_core.matching.layout.compiled.tables import Floats32, Looked, MapTable, SeenTable
+from semloc_core.matching.layout.compiled.tables import Floats32, MapTable, SeenTable
 
 _LEAST = -60.0
 
@@ -228,19 +228,17 @@ def best_poses(
 def align(
     table: MapTable,
     seen: SeenTable,
-    looked: Looked,
     rows: Ints,
     heading: Floats,
     numbers: tuple[float, float, float, float, float],
     narrower: tuple[float, ...],
     counts: tuple[int, int, int],
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Turns and shifts, rises, explained and expected of T poses, as of `pose.align.align`.
+) -> tuple[Floats, Floats, Floats]:
+    """Turns and shifts, rises and explained of T poses, as of `pose.align.align`.
 
     Args:
         table: the map.
         seen: n objects.
-        looked: where the robot has.
         rows: (T,) of the map.
         heading: (T,) radians.
         numbers: spreads of objects, of the robot and of heights, metres, `FAR` and `FARTHER` there.
@@ -248,7 +246,7 @@ def align(
         counts: `ROUNDS`, `MORE_ROUNDS` and `FREE`.
 
     Returns:
-        (T, 4) cosine and sine of the turn, shift in x and y; (T,) rise; (T, n) explained; (T,) expected.
+        (T, 4) cosine and sine of the turn, shift in x and y; (T,) rise; (T, n) explained.
 
     """
     objects, classes, weights = seen.objects, seen.classes, seen.weights
@@ -256,7 +254,7 @@ def align(
     rounds, more_rounds, free = counts
     t_all, n = len(rows), len(classes)
     pose, rise = np.empty((t_all, 4)), np.empty(t_all)
-    explained, expected = np.empty((t_all, n)), np.empty(t_all)
+    explained = np.empty((t_all, n))
     mixed = weights.shape[1] > 0
     first, members = by_class(classes, weights)
     reach = far * (off_m + spread_m)
@@ -352,92 +350,12 @@ def align(
                 for j in range(k):
                     kept_share[j] = (mixture[j] + farther * wide[j]) * peak[j] / (total[of[j]] + 1.0)
                 pose[t, 0], pose[t, 1], pose[t, 2], pose[t, 3] = c, s, dx, dy
-        c, s, dx, dy = pose[t]
         up, weight = 0.0, 1.0
         for j in range(k):
             up += kept_share[j] * above[j]
             weight += kept_share[j]
         rise[t] = up / weight
-        expected[t] = _expected(table, looked, row, c, s, dx, dy)
-    return pose, rise, explained, expected
-
-
-@kernel
-def expected(table: MapTable, looked: Looked, rows: Ints, turn: Floats) -> Floats:
-    """(T,) how many mapped objects near known places would be detected, as of `pose.expected_objects.expected`.
-
-    Args:
-        table: the map.
-        looked: where the robot has.
-        rows: (T,) of the map, where the robot is.
-        turn: (T, 2) cosine and sine.
-
-    """
-    found = np.empty(len(rows))
-    for t in range(len(rows)):
-        found[t] = _expected(table, looked, rows[t], turn[t, 0], turn[t, 1], 0.0, 0.0)
-    return found
-
-
-@kernel
-def _expected(table: MapTable, looked: Looked, row: int, c: float, s: float, dx: float, dy: float) -> float:
-    px, py, pz, total = table.x[row] + dx, table.y[row] + dy, table.z[row], 0.0
-    nx, ny, nz = looked.cells.shape
-    low_x, low_y, low_z = looked.low
-    # Cells are as wide as a power of two: a product is the quotient, to the bit.
-    per_x, per_y, per_z = 1.0 / looked.cell_m[0], 1.0 / looked.cell_m[1], 1.0 / looked.cell_m[2]
-    for e in range(table.start[row], table.start[row + 1]):
-        o = table.objects[e]
-        ox, oy, oz = table.object_x[o] - px, table.object_y[o] - py, table.object_z[o] - pz
-        iz = _cell((oz - low_z) * per_z, looked.rim, nz)
-        ix = _cell((c * ox + s * oy - low_x) * per_x, looked.rim, nx)
-        iy = _cell((c * oy - s * ox - low_y) * per_y, looked.rim, ny)
-        if looked.cells[ix, iy, iz]:
-            total += table.detected[o]
-    return total
-
-
-@kernel
-def lost(
-    building: Ints,
-    turn: Floats,
-    origin: Floats,
-    places: Floats,
-    low: Floats,
-    shape: Ints,
-    first: Ints,
-    cost: Floats32,
-    rim: int,
-    cell_m: tuple[float, float],
-) -> Floats:
-    """(T,) cost of known places where a building has no room, as of `building.free_space_cost.Rooms.lost`.
-
-    Args:
-        building: (T,) of each pose.
-        turn: (T, 2) cosine and sine.
-        origin: (T, 3) metres.
-        places: (k, 3) metres from there.
-        low, shape, first: (B, 3), (B, 3), (B,) of each building's cells.
-        cost: of all cells.
-        rim: cells around all.
-        cell_m: width and height of a cell, metres.
-
-    """
-    total = np.zeros(len(building))
-    wide, high = cell_m
-    for t in range(len(building)):
-        b, c, s = building[t], turn[t, 0], turn[t, 1]
-        nx, ny, nz = shape[b]
-        px, py = (origin[t, 0] - low[b, 0]) / wide + rim, (origin[t, 1] - low[b, 1]) / wide + rim
-        pz, low_z, begin = origin[t, 2], low[b, 2], first[b]
-        c, s = c / wide, s / wide
-        for i in range(len(places)):
-            x, y = places[i, 0], places[i, 1]
-            column = _cell(c * x - s * y + px, 0, nx)
-            line = _cell(s * x + c * y + py, 0, ny)
-            layer = _cell((pz + places[i, 2] - low_z) / high, rim, nz)
-            total[t] += cost[begin + (column * ny + line) * nz + layer]
-    return total
+    return pose, rise, explained
 
 
 @kernel
@@ -445,11 +363,6 @@ def _longer(values: Floats) -> Floats:
     longer = np.empty(2 * len(values))
     longer[: len(values)] = values
     return longer
-
-
-@kernel
-def _cell(at: float, rim: int, size: int) -> int:
-    return int(min(max(math.floor(at) + rim, 0.0), size - 1.0))
 
 
 @kernel

@@ -118,11 +118,16 @@ def against(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Float
     walls = SOME * _walls(mapped, some, rows, turn, shift)
     if not compiled():
         return mapped.config.looked * expected(mapped, fragment, around_rows(mapped, rows), turn, shift), walls
-    from semloc_core.matching.layout.compiled import poses
+    pose = np.zeros((len(rows), 4))
+    pose[:, 0], pose[:, 1] = turn.real, turn.imag
+    return _missing(mapped, fragment, rows, pose), walls
 
-    looked = looked_at(mapped, fragment)
-    missing = poses.expected(mapped.table, looked, rows, np.stack([turn.real, turn.imag], axis=1))
-    return mapped.config.looked * missing, walls
+
+def _missing(mapped: MappedLayout, fragment: Fragment, rows: Ints, pose: Floats) -> Floats:
+    """(T,) log-likelihood lost by what is missing, compiled, at poses as of `compiled.against.expected`."""
+    from semloc_core.matching.layout.compiled.against import expected
+
+    return mapped.config.looked * expected(mapped.table, looked_at(mapped, fragment), rows, pose)
 
 
 def _compiled(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Floats) -> Aligned:
@@ -132,15 +137,15 @@ def _compiled(mapped: MappedLayout, fragment: Fragment, rows: Ints, heading: Flo
     config = mapped.config
     numbers = config.spread_m, config.off_m, config.height_spread_m, FAR, FARTHER
     counts = ROUNDS, MORE_ROUNDS, FREE
-    seen, looked = seen_table(mapped, fragment), looked_at(mapped, fragment)
-    pose, rise, explained, seen_too = poses.align(mapped.table, seen, looked, rows, heading, numbers, NARROWER, counts)
+    seen = seen_table(mapped, fragment)
+    pose, rise, explained = poses.align(mapped.table, seen, rows, heading, numbers, NARROWER, counts)
     turn, shift = np.ascontiguousarray(pose).view(np.complex128).T
     return Aligned(
         np.angle(turn),
         pose[:, 2:],
         rise,
         explained,
-        config.looked * seen_too,
+        _missing(mapped, fragment, rows, pose),
         _walls(mapped, fragment, rows, turn, shift),
     )
 
